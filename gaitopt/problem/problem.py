@@ -59,7 +59,7 @@ FOLLOWED_FROM = "followed_from"
 """Key of a resolved problem, with the file's values of the parameters that were changed."""
 GUESSED_STATE = "gait.guess.state."
 """Dotted key of a coordinate of the guess, without the name of the coordinate."""
-STEP_FEEDBACK = "control.step_feedback"
+OF_FEEDBACK = "control.step_feedback"
 """Dotted key of the feedback from step to step."""
 _NONE = Known(walkers={}, controls={})
 _PASSED = ContextVar("passed", default=_NONE)
@@ -188,7 +188,7 @@ class Problem(ProblemStatement):
     def _nominal_values(self, data: Mapping[str, Any], overrides: Mapping[str, object]) -> dict[str, object]:
         """The override that keeps the values which others change for the nominal gait of feedback from step to step."""
         feedback = self.control.step_feedback
-        if feedback is None or "control" in overrides or any(key.startswith(STEP_FEEDBACK) for key in overrides):
+        if feedback is None or "control" in overrides or any(key.startswith(OF_FEEDBACK) for key in overrides):
             return {}
         kept = dict(feedback.at or {})
         for key in overrides:
@@ -197,7 +197,7 @@ class Problem(ProblemStatement):
                 kept.setdefault("gait", deepcopy(data["gait"]))
             elif key in self.parameters:
                 kept.setdefault(key, self.parameters[key])
-        return {f"{STEP_FEEDBACK}.at": kept} if kept else {}
+        return {f"{OF_FEEDBACK}.at": kept} if kept else {}
 
     def with_guess(
         self, gait: "Recorded | Mapping[str, Any]", parameters: Mapping[str, float] | None = None
