@@ -112,7 +112,7 @@ def test_a_near_value_takes_one_step():
 
 def test_a_long_step_to_another_solution_of_the_equations_is_no_end_of_the_family(monkeypatch):
     """From a coarse mesh it ends where the first slip has no length; the gait slips for 84 ms."""
-    monkeypatch.setattr(newton, "SAFETY", 4.0)
+    monkeypatch.setattr(newton, "REFINEMENT_RESERVE", 4.0)
     first = solve_gait(load_problem("compass-torque-slip"), build_system(load_problem("compass-torque-slip")))
     gait = follow(first, first.problem.replace({"friction": 0.106}))
     assert gait.converged, gait.message
