@@ -474,7 +474,7 @@ class Sensitivity:
 
     def invariance(self) -> Iterator[tuple[str, float, Candidate]]:
         """Name, natural unit and value of every quantity that is zero for an invariant curve, see ``invariance``."""
-        labels = invariance(self.equations)[1]
+        labels = invariance_labels(self.equations.system)
         if not labels:
             return
         for (value, slope), label in zip(self._evaluated(_at_start(self.equations)), labels, strict=True):
@@ -491,28 +491,34 @@ class Sensitivity:
 OUTPUT, RATE = "output after the impact", "rate of the output after the impact"
 
 
-def invariance(equations: MultipleShooting) -> tuple[MX, tuple[Label, ...]]:
+def invariance_labels(system: HybridSystem) -> tuple[Label, ...]:
+    """What the rows of ``invariance`` are; none if the law's curves need not be invariant."""
+    law = system.control
+    if not isinstance(law, VirtualConstraints) or not law.is_invariant:
+        return ()
+    outputs = tuple(Label(name=OUTPUT, coordinate=name, unit="rad") for name in law.outputs)
+    return (*outputs, *(Label(name=RATE, coordinate=name, unit="rad/s") for name in law.outputs))
+
+
+def invariance(equations: MultipleShooting) -> MX:
     """Quantities that are zero if virtual constraints are invariant under the impact: outputs and rates just after it.
 
-    The outputs then stay zero up to the next impact, which leads back to a posture and rates on the curves. There are
-    no such quantities if the curves need not be invariant.
+    The outputs then stay zero up to the next impact, which leads back to a posture and rates on the curves.
     """
-    t, law = equations, equations.system.control
-    if not isinstance(law, VirtualConstraints) or not law.is_invariant:
-        return MX(0, 1), ()
+    t = equations
+    if not invariance_labels(t.system):
+        return MX(0, 1)
     arc, nodes, start, _ = t.arc(0)
     known = t.system.quantities(arc.mode)(
         t=start, z=nodes[:, 0], r=MX(t.system.data(arc.segment)), p=t.phase_parameters[0]
     )
-    outputs = tuple(Label(name=OUTPUT, coordinate=name, unit="rad") for name in law.outputs)
-    rates = tuple(Label(name=RATE, coordinate=name, unit="rad/s") for name in law.outputs)
-    return vertcat(known["outputs"], known["rates"]), (*outputs, *rates)
+    return vertcat(known["outputs"], known["rates"])
 
 
 @built_once(maxsize=8)
 def _at_start(t: MultipleShooting) -> Function:
     """(w, p) -> rows of ``invariance``, and their Jacobian by w."""
-    rows, _ = invariance(t)
+    rows = invariance(t)
     return Function("at_start", [t.w, t.parameters], [rows, densify(jacobian(rows, t.w))])
 
 

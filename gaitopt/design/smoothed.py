@@ -32,7 +32,7 @@ from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.exact import CLEARANCE, EXTREMA, RADIUS, SMALL, freed_sizes
-from gaitopt.design.sensitivity import OF_STEP, OF_WALKER, impact_quantities, invariance
+from gaitopt.design.sensitivity import OF_STEP, OF_WALKER, impact_quantities, invariance, invariance_labels
 from gaitopt.design.spectral_radius import certified_radius, zero_dynamics_radius
 from gaitopt.gait.gait import Cause, Status
 from gaitopt.gait.measures import sharing_contacts
@@ -294,8 +294,8 @@ class SmoothedProblem:
             Block(name="margins", expression=margins, lower=least, labels=labels),
         ]
 
-        on_curves, labels = invariance(equations)
-        blocks.append(Block(name="invariance", expression=on_curves, lower=0.0, upper=0.0, labels=labels))
+        invariant, labels = invariance(equations), invariance_labels(equations.system)
+        blocks.append(Block(name="invariance", expression=invariant, lower=0.0, upper=0.0, labels=labels))
 
         # extrema, each of which bounds the samples of a curve from one side
         self._extrema, extrema = dict[str, MX](), list[float]()
