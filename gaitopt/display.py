@@ -4,6 +4,7 @@ A layer above does the work. Its name is a text, like that of the plotting backe
 figures, pages or files.
 """
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -123,3 +124,8 @@ class Moving(Reported):
 
 def _call(name: str, *arguments: Any, **named: Any) -> Any:
     return getattr(import_module(BACKEND), name)(*arguments, **named)
+
+
+def spelled(name: str) -> str:
+    """The name of a type or status in JSON as text: ``fold Neimark-Sacker``, ``resonance 1:3``."""
+    return re.sub(r"(\d) (\d)", r"\1:\2", name.replace("_", " ").replace("neimark sacker", "Neimark-Sacker"))

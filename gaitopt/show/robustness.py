@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gaitopt.display import spelled
 from gaitopt.runs.robustness import Robustness
 from gaitopt.show.style import COLOURS, NEUTRAL, entry, legend_below, panels
 from gaitopt.uncertainty.limits import Limit
@@ -95,7 +96,7 @@ def _number(value: float | None, digits: int = 6) -> str:
 
 
 def _end(value: float | None, kind: str) -> str:
-    return "no end found" if value is None else f"{value:.9g} ({kind.replace('_', ' ')})"
+    return "no end found" if value is None else f"{value:.9g} ({spelled(kind)})"
 
 
 COLUMNS: Sequence[str] = ("figure", "value, lower end", "upper end", "found by")

@@ -4,7 +4,6 @@ Results are printed from their records, the JSON objects of the command line.
 """
 
 import math
-import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from decimal import Decimal
@@ -18,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gaitopt.design.derivatives import Derivatives
-from gaitopt.display import counted
+from gaitopt.display import counted, spelled
 from gaitopt.gait.branch import TERMINAL, Branch, cascades
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import VerificationRecord
@@ -297,7 +296,7 @@ def print_atlas(console: Console, record: Record) -> None:
     section(console, "regions", columns, rows, numbers=(0, 3, 4, 5))
     if record["points"]:
         located = [
-            (_words(point["type"]), *(f"{_in_unit(point['values'][a['key']], a):.9g}" for a in axes), point["status"])
+            (spelled(point["type"]), *(f"{_in_unit(point['values'][a['key']], a):.9g}" for a in axes), point["status"])
             for point in record["points"]
         ]
         section(console, "codimension-two points", ("type", *keys, ""), located, numbers=(1, 2))
@@ -480,7 +479,7 @@ def explanation_lines(record: Record) -> list[str]:
         lines.append(f"simulated from the guess: {record['simulated']['status']}: {record['simulated']['message']}")
     for nearest in record["nearest"]:
         where = f"{nearest['parameter']} = {nearest['value']:.10g}"
-        lines.append(f"this mode sequence begins at {where} ({_words(nearest['type'])}): {nearest['reason']}")
+        lines.append(f"this mode sequence begins at {where} ({spelled(nearest['type'])}): {nearest['reason']}")
     return lines
 
 
@@ -524,7 +523,7 @@ def print_branch(console: Console, records: Sequence[Record], parameter: str, pr
         points = [record for record in records if record["record"] == "point" and record["branch"] == branch]
         radii = [point["spectral_radius"] for point in points]
         own = [s for s in specials if s["branch"] == branch and (s["next"] or s["type"] in TERMINAL)]
-        joints = [" -> ".join(filter(None, (_words(s["type"]), ", ".join(map(str, s["next"]))))) for s in own]
+        joints = [" -> ".join(filter(None, (spelled(s["type"]), ", ".join(map(str, s["next"]))))) for s in own]
         rows.append(
             (
                 str(branch),
@@ -563,12 +562,12 @@ def print_trace(console: Console, records: Sequence[Record], parameters: tuple[s
         form = "".join(f", {name} = {v:.6g}" for name, v in special["coefficients"].items() if v is not None)
         console.print(f"{k}: curve {special['curve']}, {place}{form}{guess}: {event(special)}")
         for start in special["next"]:
-            console.print(f"   next: {_words(start['type'])}", markup=False)
+            console.print(f"   next: {spelled(start['type'])}", markup=False)
 
 
 def event(special: Record) -> str:
     """Type and reason of a special point."""
-    return ": ".join(filter(None, (_words(special["type"]), special["reason"])))
+    return ": ".join(filter(None, (spelled(special["type"]), special["reason"])))
 
 
 def print_basin(console: Console, record: Record) -> None:
@@ -578,7 +577,7 @@ def print_basin(console: Console, record: Record) -> None:
         for k, g in enumerate(record["gaits"])
     ]
     failures = sorted(record["failures"].items(), key=lambda failure: -failure[1])
-    failed = [("", _words(name), f"{n:,}", f"{n / record['states']:.2%}", "") for name, n in failures]
+    failed = [("", spelled(name), f"{n:,}", f"{n / record['states']:.2%}", "") for name, n in failures]
     title = f"{record['problem']}: {record['states']:,} states"
     section(console, title, ("", "ends on", "states", "share", "modes; impact"), [*gaits, *failed], numbers=(0, 2, 3))
 
@@ -618,7 +617,7 @@ def print_attractors(console: Console, result: Attractors) -> None:
     for record in result.records:
         endings.update(record["endings"])
     if endings:
-        console.print("ends: " + ", ".join(f"{_words(name)} {count:,}" for name, count in endings.most_common()))
+        console.print("ends: " + ", ".join(f"{spelled(name)} {count:,}" for name, count in endings.most_common()))
 
 
 def _attractor_name(run: Record) -> str:
@@ -629,7 +628,7 @@ def _attractor_name(run: Record) -> str:
 
 def print_sweep(console: Console, record: Record) -> None:
     """Print the numbers of points of a grid by status."""
-    statuses = ", ".join(f"{count} {_words(status)}" for status, count in record["statuses"].items())
+    statuses = ", ".join(f"{count} {spelled(status)}" for status, count in record["statuses"].items())
     console.print(f"{record['problem']}: {counted(record['jobs'], 'job')}, {statuses}")
     console.print(f"verified: {record['verified']}" + (f", REFUTED: {record['refuted']}" if record["refuted"] else ""))
     if record.get("several"):
@@ -644,7 +643,7 @@ def print_front(console: Console, record: Record) -> None:
     rows = list[tuple[str, ...]]()
     for point in record["points"]:
         if point["objective"] is None:
-            rows.append((number(point["value"]), "", "", "", "", f"{_words(point['status'])}: {point['message']}"))
+            rows.append((number(point["value"]), "", "", "", "", f"{spelled(point['status'])}: {point['message']}"))
             continue
         scalars = (number(point[key]) for key in ("value", "objective", "speed", "spectral_radius"))
         checked = "verified" if point["verification"]["passed"] else "REFUTED"
@@ -758,10 +757,6 @@ def _theorem_rows(words: Record) -> list[tuple[str, str]]:
     rows += [("not proved", text) for text in words.get("not_proved", ())]
     inner = _theorem_rows(words["reference"]) if "reference" in words else []
     return rows + [(f"law's gait: {key}", value) for key, value in inner]
-
-
-def _words(name: str) -> str:
-    return re.sub(r"(\d) (\d)", r"\1:\2", name.replace("_", " ").replace("neimark sacker", "Neimark-Sacker"))
 
 
 def printed(result: Any, *, titled: bool = False) -> str:
