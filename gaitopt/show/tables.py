@@ -38,7 +38,6 @@ from gaitopt.runs.robustness import Robustness
 from gaitopt.runs.sweep import Sweep
 from gaitopt.search.explain import Explanation
 from gaitopt.search.find import Gaits, counted_gaits
-from gaitopt.show import robustness
 from gaitopt.solver.program import NonlinearProgram
 from gaitopt.verification.verify import OUTCOMES, Verification, recorded_claims
 from gaitopt.verification.walk import Walk
@@ -72,6 +71,17 @@ LONGEST_BOUND = 15
 WIDTH = 110
 """Number of characters of a line in a notebook."""
 BLOCK = '<pre style="font-family: monospace; line-height: 1.25; overflow-x: auto">{code}</pre>'
+TILE_KINDS = {
+    "friction_low": "friction of icy tiles",
+    "friction_high": "friction of sticky tiles",
+    "step_up": "step up [m]",
+    "step_down": "step down [m]",
+    "slope_up": "slope of tiles, more [rad]",
+    "slope_down": "slope of tiles, less [rad]",
+}
+"""What the walks of a patch meet, by its key in JSON."""
+NORM_UNITS = {"period": "s", "step_length": "m", "foot_clearance": "m", "cone_distance": "N"}
+TILE_UNITS = {"friction": "", "height": "/m", "slope": "/rad"}
 
 
 def table(
@@ -584,7 +594,50 @@ def print_basin(console: Console, record: Record) -> None:
 
 def print_robustness(console: Console, record: Record) -> None:
     """The figures of the robustness of a gait, with how each was found."""
-    section(console, f"{record['problem']}: robustness", robustness.COLUMNS, robustness.rows_of(record))
+    section(
+        console,
+        f"{record['problem']}: robustness",
+        ("figure", "value, lower end", "upper end", "found by"),
+        _robustness_rows(record),
+    )
+
+
+def _robustness_rows(record: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """The table: figure, value or lower end, upper end, and how it was found."""
+    rows = list[tuple[str, str, str, str]]()
+    for key, found in record.get("range", {}).items():
+        low, high = (_range_end(found[side], found[f"{side}_end"]) for side in ("low", "high"))
+        rows.append((f"stable range of {key}", low, high, "continuation"))
+    for kind, of_length in record.get("patch", {}).items():
+        values = ", ".join(f"{_figure(value)} ({length})" for length, value in of_length.items())
+        rows.append((f"{TILE_KINDS[kind]}, by number of tiles", values, "", "simulated walks"))
+    for rate, (low, high) in record.get("push", {}).items():
+        rows.append((f"push of {rate}", _figure(low), _figure(high), "simulated walks"))
+    nearest = record.get("nearest")
+    if nearest is not None:
+        state = nearest["state"] or {}
+        words = ", ".join(f"{name} = {value:.6g}" for name, value in state.items())
+        rows.append(("nearest state that does not return", _figure(nearest["distance"]), words, "search along rays"))
+    for quantity, outputs in record.get("sensitivity", {}).items():
+        for name, value in outputs.items():
+            unit = f"{NORM_UNITS[name]}{TILE_UNITS[quantity]}"
+            words = f"norm from {quantity} to {name.replace('_', ' ')} [{unit}]"
+            rows.append((words, _figure(value), "", "exact derivatives"))
+    falls = record.get("falls")
+    if falls is not None:
+        low, high = falls["interval"]
+        words = f"{_figure(low)} to {_figure(high)}"
+        rows.append((f"mean steps to a fall, {falls['floor']}", _figure(falls["mean_steps"]), words, "random walks"))
+        rows.append(("metastable eigenvalue", _figure(falls["eigenvalue"], 8), "", "walks that go on as copies"))
+    return rows
+
+
+def _figure(value: float | None, digits: int = 6) -> str:
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def _range_end(value: float | None, kind: str) -> str:
+    return "no end found" if value is None else f"{value:.9g} ({spelled(kind)})"
 
 
 def print_attractors(console: Console, result: Attractors) -> None:

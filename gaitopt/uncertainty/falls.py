@@ -14,7 +14,6 @@ three coordinates that resolves its metastable distribution would need far more 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, norm
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
@@ -81,16 +80,18 @@ def count_falls(
 
 def mean_steps(completed: Array) -> tuple[float | None, tuple[float, float | None]]:
     """The mean number of steps before a fall, and its confidence interval, from ``count_falls``."""
+    from scipy.special import chdtri, ndtri  # the command line reads this module, and starts without SciPy
+
     fell, outside = np.signbit(completed) == 0, (1 - CONFIDENCE) / 2
     total, falls = float(np.abs(completed).sum()), int(fell.sum())
     if falls == completed.size and falls > 1:
         mean = total / falls
-        half = float(norm.ppf(1 - outside) * completed.std(ddof=1) / np.sqrt(falls))
+        half = float(ndtri(1 - outside) * completed.std(ddof=1) / np.sqrt(falls))
         return mean, (max(mean - half, 0.0), mean + half)
-    low = 2 * total / float(chi2.ppf(1 - outside, 2 * falls + 2))
+    low = 2 * total / float(chdtri(2 * falls + 2, outside))
     if not falls:
         return None, (low, None)
-    return total / falls, (low, 2 * total / float(chi2.ppf(outside, 2 * falls)))
+    return total / falls, (low, 2 * total / float(chdtri(2 * falls, 1 - outside)))
 
 
 def metastable_eigenvalue(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: Stop = None) -> float | None:
