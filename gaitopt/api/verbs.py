@@ -625,11 +625,16 @@ def continuation(
         from gaitopt.runs.branch import restore_branch
 
         records = _stored_records(start, request, None if output is True else output, should_stop)
-        head = next(records)
-        for number, record in enumerate(records, start=1):
-            if number > head["stored"]:
-                show(number, record["value"])
-        return restore_branch(Path(head["folder"]))
+        return restore_branch(_shown(records, lambda number, record: show(number, record["value"])))
+
+
+def _shown(records: Iterator[dict[str, Any]], show: Callable[[int, dict[str, Any]], None]) -> Path:
+    """The folder of records, after showing each that no earlier call had stored, with its number."""
+    head = next(records)
+    for number, record in enumerate(records, start=1):
+        if number > head["stored"]:
+            show(number, record)
+    return Path(head["folder"])
 
 
 def continuation_records(
@@ -770,11 +775,7 @@ def trace(
         from gaitopt.runs.trace import restore_trace
 
         records = _kept_trace(special, request, None if output is True else output, should_stop)
-        head = next(records)
-        for number, record in enumerate(records, start=1):
-            if number > head["stored"]:
-                show(number, record["values"][key])
-        return restore_trace(Path(head["folder"]))
+        return restore_trace(_shown(records, lambda number, record: show(number, record["values"][key])))
 
 
 def trace_records(
