@@ -1,6 +1,6 @@
 """Codimension-two points: where a second condition holds on the curve of a special point in two parameters.
 
-Each is a zero of a function along the curve, of the derivatives of the return map alone:
+Each is a zero of a function along the curve; the function depends on the derivatives of the return map alone:
 
     on a fold            <p, q>      a second multiplier 1                  resonance 1:1
                          b           the quadratic coefficient              cusp
@@ -31,7 +31,7 @@ from gaitopt.branches.monitors import REAL_PAIR
 from gaitopt.branches.normal_forms import KINDS, LocalMap, flip_coefficient, fold_coefficient, torus_coefficient
 
 SHORT = {"fold": "fold", "period_doubling": "flip", "neimark_sacker": "neimark_sacker"}
-"""The name of each bifurcation in that of a codimension-two point."""
+"""Short name of each bifurcation; the names of codimension-two points are composed of them."""
 RESONANCES = {"resonance_1_1": 1.0, "resonance_1_2": -1.0, "resonance_1_3": -0.5, "resonance_1_4": 0.0}
 """cos theta at the strong resonances."""
 CURVES: Mapping[str, tuple[str, ...]] = {
@@ -46,16 +46,16 @@ CURVES: Mapping[str, tuple[str, ...]] = {
 DEGENERATE = {"fold": "cusp", "period_doubling": "generalised_flip", "neimark_sacker": "chenciner"}
 """The point at which the coefficient of each bifurcation vanishes."""
 POLE = 0.1
-"""Part of the larger value at two points up to which a function that changes its sign between them is at a zero."""
+"""A change of sign between two points is a zero if the value located there is below this part of the larger one."""
 
 
 def curve_tests(local: LocalMap, kind: str, kappa: float = 0.0) -> dict[str, float]:
-    """Test functions of the multipliers, by the type of their codimension-two point, on a curve.
+    """Values of the test functions of the multipliers on a curve, by the type of the codimension-two point.
 
     Parameters
     ----------
     kind : ``fold``, ``period_doubling`` or ``neimark_sacker``; any other is a margin.
-    kappa : about cos theta of the pair.
+    kappa : approximate cos theta of the critical pair, which selects it.
     """
     multipliers = eigenvalues(local.A)
     if kind not in KINDS:
@@ -72,7 +72,7 @@ def curve_tests(local: LocalMap, kind: str, kappa: float = 0.0) -> dict[str, flo
 def degeneracy(local: LocalMap, kind: str, kappa: float = 0.0) -> float:
     """The coefficient whose zero is the point ``DEGENERATE[kind]``; NaN where the pair is real.
 
-    That of a fold has the sign of the critical eigenvector.
+    The sign of the coefficient of a fold depends on that of the critical eigenvector.
     """
     p, q, multiplier = local.critical(kind, kappa)
     if kind == "fold":
@@ -95,7 +95,7 @@ def others_are_complex(local: LocalMap, kind: str, kappa: float) -> bool:
 
 
 def other_kappa(local: LocalMap, kind: str, kappa: float) -> float:
-    """Half the sum of the pair whose product is next to one; on a Neimark-Sacker curve of another pair, if any."""
+    """Half the sum of the pair whose product is nearest to one, besides the critical multipliers if two are left."""
     others = _others(local, kind, kappa)
     pair = _nearest_pair(others if others.size > 1 else eigenvalues(local.A))
     return float((pair[0] + pair[1]).real) / 2
@@ -112,12 +112,12 @@ def _others(local: LocalMap, kind: str, kappa: float) -> NDArray[np.complex128]:
 
 
 def _nearest_pair(multipliers: NDArray[np.complex128]) -> tuple[complex, complex]:
-    """The two multipliers whose product is next to one."""
+    """The two multipliers whose product is nearest to one."""
     return min(combinations(multipliers, 2), key=lambda pair: abs(pair[0] * pair[1] - 1))
 
 
 def _double(kind: str, other: str) -> str:
-    """The codimension-two point at which two bifurcations of different multipliers meet; empty for two alike."""
+    """Type of the point at which two bifurcations of different multipliers meet; empty for two folds or two flips."""
     if kind == other:
         return "double_neimark_sacker" if kind == "neimark_sacker" else ""
     first, second = sorted((kind, other), key=list(SHORT).index)

@@ -34,23 +34,24 @@ from gaitopt.solver.newton import Solution, opened_cycle
 RESONANT = 1e-4
 """Distance of cos theta from that of a resonance 1:1 to 1:4 below which a Neimark-Sacker point has no normal form."""
 CRITICAL = 1e-6
-"""Distance from the unit circle within which a located multiplier is critical."""
+"""A multiplier counts as critical if its distance from the unit circle is below this number."""
 STRONG = (1.0, -1.0, -0.5, 0.0)
 """cos theta at the resonances 1:1, 1:2, 1:3 and 1:4."""
 Taylor = Callable[[Array, int], Array]
-"""From directions a (m, n) and an order: A a, B(a, a) / 2, C(a, a, a) / 6 up to this order; shape (order, m, n)."""
+"""A function of directions a, shape (m, n), and an order. It returns A a, B(a, a) / 2 and C(a, a, a) / 6 up to this
+order, shape (order, m, n)."""
 KINDS: Mapping[str, float | None] = {"fold": 1.0, "period_doubling": -1.0, "neimark_sacker": None}
 """The critical multiplier of every bifurcation; None where it is a pair on the unit circle."""
 
 
 @dataclass(frozen=True)
 class LocalMap:
-    """The derivatives of a map at a fixed point: A, and B and C of vectors that may be complex.
+    """The first three derivatives A, B and C of a map at a fixed point.
 
     Attributes
     ----------
     A : ndarray, shape (n, n) - first derivative.
-    taylor : the higher ones along real directions.
+    taylor : Taylor coefficients along real directions.
     section : indices of the coordinates in which lengths are measured.
     """
 
@@ -59,7 +60,7 @@ class LocalMap:
     section: NDArray[np.intp]
 
     def B(self, a: Array, b: Any) -> Any:
-        """Second derivative along a real direction and another one, which may be complex."""
+        """B(a, b), where a is real and b may be complex."""
         parts = [b] if np.isrealobj(b) else [b.real, b.imag]
         halves = self.taylor(np.array([sign_a for part in parts for sign_a in (a + part, a - part)]), 2)[1]
         values = (halves[::2] - halves[1::2]) / 2
@@ -68,7 +69,7 @@ class LocalMap:
     def critical(self, kind: str, kappa: float = 0.0) -> tuple[Any, Any, complex]:
         """Left and right eigenvectors p, q of the critical multiplier with |q| = 1 on the section, and this multiplier.
 
-        p is not scaled. ``kappa`` is about cos theta of a pair.
+        p is not scaled. ``kappa``, the approximate cos theta of a pair, selects one of several pairs.
         """
         critical = KINDS[kind]
         if critical is None:
@@ -83,19 +84,19 @@ class LocalMap:
 
 
 def fold_coefficient(local: LocalMap, p: Array, q: Array) -> float:
-    """b of a fold times <p, q>."""
+    """The coefficient b of a fold, times <p, q>."""
     return float(p @ local.taylor(q[None], 2)[1, 0])
 
 
 def flip_coefficient(local: LocalMap, p: Array, q: Array) -> float:
-    """c of a period doubling times <p, q>."""
+    """The coefficient c of a period doubling, times <p, q>."""
     _, half_B, sixth_C = local.taylor(q[None], 3)[:, 0]
     along = np.linalg.solve(np.eye(len(q)) - local.A, 2 * half_B)
     return float(p @ (6 * sixth_C + 3 * local.B(q, along))) / 6
 
 
 def torus_coefficient(local: LocalMap, p: Any, q: Any, multiplier: complex) -> complex:
-    """d of a Neimark-Sacker point, times <p, q>.
+    """The coefficient d of a Neimark-Sacker point, times <p, q>.
 
     B and C of q = a + i b follow from those along a, b, a + b and a - b.
     """
@@ -112,12 +113,12 @@ def torus_coefficient(local: LocalMap, p: Any, q: Any, multiplier: complex) -> c
 
 
 def coefficients(local: LocalMap, kind: str, kappa: float = 0.0) -> dict[str, float | None]:
-    """The normal form of a bifurcation by the names of its coefficients; None where a resonance leaves none.
+    """The coefficients of the normal form of a bifurcation by name; None where a resonance leaves it undefined.
 
     Parameters
     ----------
     kind : ``fold``, ``period_doubling`` or ``neimark_sacker``.
-    kappa : about cos theta of the pair.
+    kappa : approximate cos theta of the critical pair.
     """
     p, q, multiplier = local.critical(kind, kappa)
     scale = p.conj() @ q
@@ -146,7 +147,7 @@ def local_map(at: Solution) -> LocalMap:
         curves = np.zeros((highest + 1, m, at.w.size))
         curves[0] = at.w
         for order in range(1, highest + 1):
-            known = np.zeros((m, at.residual.size))  # of the equations, without the unknowns of this order
+            known = np.zeros((m, at.residual.size))  # equations of this order without its unknowns
             if order > 1:
                 known = Jets(at.equations, at.p, curves[: order + 1]).equalities()[order]
             right = -known.T
@@ -160,7 +161,7 @@ def local_map(at: Solution) -> LocalMap:
 
 
 def gait_coefficients(kind: str, gait: Gait) -> dict[str, float | None]:
-    """The normal form at a gait that was located as a special point; empty where it is none of these bifurcations."""
+    """The normal form at a special point of a branch; empty if the point is none of these bifurcations."""
     if kind not in KINDS or gait.shooting is None:
         return {}
     pair = min((m for m in gait.multipliers if m.imag > 0), key=lambda m: abs(abs(m) - 1), default=0.0)
@@ -175,7 +176,7 @@ def stability_words(form: Mapping[str, float | None], multipliers: NDArray[np.co
 
     Parameters
     ----------
-    multipliers : of the gait, with the critical ones.
+    multipliers : all multipliers of the gait.
     """
     c, d = form.get("c"), form.get("re_d")
     if c is None and d is None:

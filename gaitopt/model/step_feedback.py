@@ -7,8 +7,8 @@ the parameters of the law. K is given, or a design from the linearised return ma
 
     xi_(n+1) - xi* = A (xi_n - xi*) + B (u_n - u*),      so that the multipliers are the eigenvalues of A + B K
 
-The nominal gait is that of the problem without the feedback, at the problem's own values: K and xi* keep their values
-where a parameter is continued or changed.
+The nominal gait is that of the problem without the feedback, at the values of the problem. K and xi* stay the same when
+a parameter is continued or changed later.
 """
 
 from collections.abc import Iterator, Mapping
@@ -22,12 +22,13 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr,
 from gaitopt.arrays import Array
 
 LARGEST_GAIN = 1e9
+"""Upper bound of the size of an entry of K; larger ones are mistakes."""
 Gain = Annotated[float, Field(ge=-LARGEST_GAIN, le=LARGEST_GAIN, allow_inf_nan=False)]
 Weight = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Numbers = Mapping[tuple[str, str], float]
 """Gains by key of the parameter and name of the section coordinate."""
 PREFIX = "step_feedback."
-"""What precedes the keys of its parameters below ``control``."""
+"""Prefix of the keys of the gains and of xi* below ``control``."""
 
 
 class Lqr(BaseModel):
@@ -40,13 +41,13 @@ class Lqr(BaseModel):
 
 
 class Deadbeat(BaseModel):
-    """Gains with which a deviation vanishes after as many steps as there are section coordinates, or fewer."""
+    """Gains with which every deviation vanishes after at most n steps, where n is the number of section coordinates."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class MinimumRadius(BaseModel):
-    """Gains within a bound that make the spectral radius small: the best of some local searches."""
+    """Bounded gains with a small spectral radius: the best result of some local searches."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -54,7 +55,7 @@ class MinimumRadius(BaseModel):
 
 
 class FeedbackDesign(BaseModel):
-    """How the gains are designed: one of three methods."""
+    """The method that designs the gains; exactly one of the three is given."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -98,7 +99,7 @@ def _is_free(value: Any) -> bool:
 
 
 def _entries(nested: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, str], Any]]:
-    """Key of the parameter, name of the coordinate and what is given, for every entry of nested gains."""
+    """Every entry of nested gains: the key of its parameter with the name of its coordinate, and its value."""
     for key, value in nested.items():
         if isinstance(value, Mapping) and not _is_free(value):
             yield from _entries(value, (*path, key))
@@ -144,7 +145,7 @@ class Resolved:
 
 
 class StepFeedback(BaseModel):
-    """Parameters of the law are corrected once per cycle, in proportion to the deviation just after the impact."""
+    """Corrections of parameters of the law, once per cycle, in proportion to the deviation just after the impact."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -177,7 +178,7 @@ class StepFeedback(BaseModel):
 
     @property
     def known(self) -> Resolved:
-        """Its numbers.
+        """The gains, and the state of the nominal gait.
 
         Raises
         ------
@@ -190,23 +191,23 @@ class StepFeedback(BaseModel):
 
     @property
     def is_known(self) -> bool:
-        """Whether it has its numbers."""
+        """Whether the gains and the nominal state are known."""
         return self._known is not None
 
     def resolved(self, known: Resolved) -> Self:
-        """The same with its numbers."""
+        """The same feedback with known gains and nominal state."""
         made = self.model_copy()
         made._known = known
         return made
 
     @property
     def stated(self) -> Numbers:
-        """The gains that the file gives; of unknowns their guesses."""
+        """The gains stated in the file; for an unknown, its guess."""
         return {at: float(v["guess"] if _is_free(v) else v) for at, v in _entries(self.gains or {})}
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Values of the gains and of xi* by their key below ``control``; until they are known those that are stated."""
+        """Values of the gains and of xi* by their keys below ``control``; the stated gains alone until xi* is known."""
         if self._known is None:
             return {_gain_key(*at): value for at, value in self.stated.items()}
         known = self._known
@@ -221,7 +222,7 @@ class StepFeedback(BaseModel):
         return {_gain_key(*at): (float(low), float(high)) for at, (low, high) in free}
 
     def faults(self, parameters: Mapping[str, float]) -> Iterator[tuple[tuple[str, ...], str]]:
-        """What is wrong with it for a law with these parameters, by their key below ``control``."""
+        """Faults of the feedback of a law with these parameters: the path of each wrong entry and a sentence."""
         if (self.gains is None) == (self.design is None):
             yield (), "give either gains: {control.hip: {theta1: 0.1}} or a design: lqr, deadbeat or minimum_radius"
         if self.corrects is not None and self.design is None:
@@ -244,11 +245,11 @@ def _gain_key(key: str, name: str) -> str:
 
 
 class Correction:
-    """u = u* + K (xi - xi*) within limits, for the parameter vector of a system.
+    """The correction u = u* + K (xi - xi*) within limits, applied to the parameter vector p of a system.
 
     Parameters
     ----------
-    feedback : with its numbers.
+    feedback : feedback whose gains and nominal state are known.
     parameters : names of the entries of p.
     states : names of the entries of z.
 

@@ -1,12 +1,12 @@
 """A floor: friction, height and slope of one tile after the other, under the stance foot of one step after the other.
 
-    tile n      is under the stance foot of step n; tile 0 under the foot on which the walker already stands
+    tile n      is under the stance foot of step n; the walker already stands on tile 0
     friction    acts in the impact by which the foot lands on the tile, and while it stands on it
     height      [m] of the landing point over the nominal ground, along its normal
     slope       [rad] is added to that of the walker: it tilts tangent and normal of the contact about the landing point
 
-What is not stated is as in the problem. The last tile goes on for ever. The reference of a step is a gait of the
-nominal floor.
+A quantity that the floor does not state keeps its value in the problem. The last tile repeats without end. References
+of control laws are those of the nominal floor.
 """
 
 import csv
@@ -31,12 +31,14 @@ BOUNDS: Mapping[str, tuple[float, float]] = {"friction": (0.0, 100.0), "height":
 """Smallest and largest values of a tile [1, m, rad]."""
 UNITS: Mapping[str, str] = {"friction": "", "height": " m", "slope": " rad"}
 MOST_TILES = 10_000_000
+"""Largest number of equal tiles in one entry of a text."""
 LARGEST_DEVIATION = 3.0
 """A normal number that is more standard deviations away from its mean is drawn again."""
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 ENTRY = re.compile(rf"({NUMBER})\s*(deg|rad|m)?\s*(?:/\s*({NUMBER}))?\s*(?:x\s*(\d+))?")
-"""One entry of a floor as text: value, unit, kinetic coefficient, and number of tiles."""
+"""One entry of the text of a floor: value, unit, kinetic coefficient and number of tiles."""
 SPREAD = re.compile(rf"({NUMBER})\s*:\s*({NUMBER})|normal\(\s*({NUMBER})\s*,\s*({NUMBER})\s*\)")
+"""One distribution of the text of a random floor: bounds, or mean and standard deviation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +59,11 @@ class Tile:
 
 @dataclass(frozen=True, kw_only=True)
 class Floor:
-    """Tiles of friction, height and slope; a number stands for a floor of equal tiles.
+    """Friction, height and slope of all tiles; a single number applies to every tile.
 
     Attributes
     ----------
-    friction : coefficient of every tile, or static and kinetic coefficient; empty if the problem's applies.
+    friction : coefficient of each tile, or its static and kinetic coefficient; empty if those of the problem apply.
     height : heights over the nominal ground, along its normal [m]; empty if all are zero.
     slope : angles that are added to the slope of the walker [rad]; empty if all are zero.
 
@@ -206,9 +208,7 @@ class Floor:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """A distribution of independent random numbers.
-
-    It is uniform, or normal without the numbers beyond three standard deviations, which are drawn again.
+    """A uniform distribution, or a normal one whose numbers beyond three standard deviations are drawn again.
 
     Attributes
     ----------
@@ -273,7 +273,7 @@ class RandomFloor:
         return Floor(**{name: values.tolist() for name, values in self.arrays(tiles, walk).items()})
 
     def arrays(self, tiles: int, walk: int = 0) -> dict[str, Array]:
-        """The random ones among friction, height and slope of the tiles of one walk, each with shape (tiles,)."""
+        """The random quantities of the tiles of one walk by name, each with shape (tiles,)."""
         return {
             name: spread.draw(np.random.default_rng([self.seed, walk, QUANTITIES.index(name)]), tiles, BOUNDS[name][0])
             for name, spread in self.spreads.items()
@@ -307,7 +307,7 @@ def _spread(name: str, low: float | None, high: float | None, mean: float | None
 
 
 def _entries(text: str) -> Iterator[tuple[str, str]]:
-    """The entries of a text, each with the name of its quantity; an entry without a name has that of the one before."""
+    """The entries of a text, each with its quantity; an entry without a name belongs to the quantity before it."""
     name = ""
     for piece in _split(text):
         before, sign, after = piece.partition("=")

@@ -1,4 +1,4 @@
-"""Work that grows line by line in one file of a run folder, each line on the disk before it is used.
+"""Work that appends its results line by line to one file of a run folder; each line is on the disk before it is used.
 
 The first line is the request; every further line is a point or special point. The line of a point holds all bits of the
 solution, the tangent, the mesh and the step length. Interrupted work resumes from its last point; special points after
@@ -31,15 +31,15 @@ class Recorded(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class LinesPlan(ABC, Generic[Start, Line]):
-    """What is to be walked, and the run folder in which it is stored.
+    """A curve of points that is followed, and the run folder in which it is stored.
 
     It is not a ``Plan`` of jobs, because the number of points is only known at the end, every point starts from the one
     before, and a walk resumes from the end of its file instead of a set of results.
 
     Attributes
     ----------
-    problem : problem of the gait from which the walk starts.
-    output : the folder; None for the default folder of problem and request.
+    problem : problem of the gait with which the curve starts.
+    output : the run folder; None for the default folder of problem and request.
     """
 
     noun: ClassVar[str]

@@ -54,9 +54,9 @@ is positive because the motion under the law differs a little from that of the g
 SLACK_WEIGHT = 1e4
 """Weight of the violation of the constraints; the objective is of order one."""
 ROOM = 1e-3
-"""Distance of a curve from the end of a joint's range [rad, or m]: it lies closer only where the gait does."""
+"""Smallest distance of a curve from the end of a joint's range [rad, or m], except where the gait itself is closer."""
 ANGLE_WEIGHTS = {"constraints": 1.0, "pd": 1e-2}
-"""Weight of the distance between curves and joints. Under PD control it only keeps curves from running away."""
+"""Weight of the distance between curves and joints. Under PD control it only keeps the program well-posed."""
 INVARIANT_POINTS = (0, 1, -2, -1)
 """Control points that the invariance under the impact determines."""
 LEAST_DEGREE = 4

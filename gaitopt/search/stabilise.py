@@ -46,58 +46,58 @@ from gaitopt.systems import solve_sequence
 from gaitopt.verification.verify import verify
 
 CLOSE = 0.25
-"""Torques in addition to those of the gait, relative to them, below which curves repeat it closely."""
+"""Curves repeat a gait closely if their additional torques, relative to those of the gait, are below this number."""
 VIOLATED = 1e-6
-"""Violation of the cone by less is rounding of the quadratic program, as a part of the weight."""
+"""Largest violation of the cone, relative to the weight, that is attributed to rounding in the quadratic program."""
 MOST_DEGREE = 12
-"""Largest degree that is tried; with more control points the curves are as hard to read as a table."""
+"""Largest degree of an invariant curve; with more control points it would be as hard to read as a table."""
 PD_DEGREES = (14, 18, 10)
-"""Degrees of curves that a PD law tracks, in turn until it has a gait: their errors times the gains are torques, which
-may lead out of the friction cone."""
+"""Degrees of the curves of a PD law, tried in this order until the law has a gait. The errors of the curves times the
+gains are torques, which may violate the friction cone."""
 NO_TORQUE = 1e-9
-"""Torque, relative to the weight times the length, of a motor that does nothing."""
+"""A motor does nothing if its torque, relative to the weight times the length, stays below this number."""
 MONOTONE = 0.02
-"""Least rate of a phase, relative to its mean, for it to be called monotone."""
+"""A phase is monotone if its least rate, relative to the mean rate, exceeds this number."""
 SETTLING = 5.0
 """Decay of the outputs during one step: errors shrink by exp(-5) (1 + 5) = 4 %."""
 MULTIPLES = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
 """Rates of the errors under PD control, in units of the slowest rate of the walker, sqrt(g / l)."""
 MOST_FAILURES = 3
-"""Laws in a row without a gait after which the search ends: higher gains, or degrees, do not help then."""
+"""The search ends after this number of laws without a gait in a row: higher gains or degrees do not help then."""
 STALLS = 0.99
-"""Higher gains under which the spectral radius does not fall below this part of the last one do not help either."""
+"""The gains are raised only while each raise reduces the spectral radius to this part of the previous one, or less."""
 AROUND = 0.5
-"""Distance of the control points of a design from those of the curves where it starts [rad, or m]."""
+"""Largest distance of the control points of a design from those of the curves with which it starts [rad, or m]."""
 DESIGN_DEGREE = 6
 """Largest degree of the curves of a design, which has an unknown per control point."""
 INSIDE = 0.95
-"""Part of the bound on the spectral radius that a design keeps, so that the gait under its curves lies inside."""
+"""A design keeps the spectral radius below this part of the requested bound, so that the solved gait meets it."""
 COMPARED = 101
-"""Fractions of the step at which two motions are compared."""
+"""Number of instants at which two motions are compared."""
 Candidate = tuple[dict[str, Any], FittedCurves | None, Joints | None, str, Gait]
-"""A law as in a problem file, its curves, the joints along their phase, the phase, and a gait near that of the law."""
+"""A law in the form of a problem file, its curves, the joints along their phase, the phase, and a gait as the guess."""
 LQR_WEIGHTS = (1.0, 1e-2, 1e-4)
-"""Weights of the corrected parameters, in turn until the spectral radius is below its bound."""
+"""Weights of the corrected parameters, tried in this order until the spectral radius is below its bound."""
 MOST_GAINS = 40
 """Largest number of gains for which the least spectral radius is searched."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stabilised(Tabulated):
-    """A law that walks a gait, and what became of the gait.
+    """A law that repeats a gait, and the gait under this law.
 
     Attributes
     ----------
-    gait : under the law, solved and verified; ``problem`` is its problem.
+    gait : the gait under the law, solved and verified; ``problem`` is its problem.
     given : the gait that the law repeats.
     law : kind of the law.
-    phase : of the curves: ``clock`` or the name of a phase variable; empty under feedback from step to step.
+    phase : phase of the curves, ``clock`` or the name of a phase variable; empty under feedback from step to step.
     least_rate : least rate of the phase along the given gait, relative to its mean; None without a phase.
     fitted : the curves, and how closely they repeat the gait; None under feedback from step to step.
     distance : largest difference of a shape coordinate between both gaits, at equal fractions of the step [rad, or m].
     invariance : largest output, or rate of one, just after the impact [rad, rad/s]; None under PD control.
     bound : upper bound of the spectral radius that was asked for.
-    attempts : laws that were tried and why they did not do, in order.
+    attempts : the laws that were tried, in order, and why each was rejected.
     """
 
     gait: Gait
@@ -157,7 +157,7 @@ class Stabilised(Tabulated):
 def stabilise(
     gait: Gait, request: StabiliseRequest, *, say: Callable[[str], None] | None = None, should_stop: Stop = None
 ) -> Stabilised:
-    """A law under which a gait is stable; of those that were tried, the one that comes closest if none is.
+    """Find a law under which a gait is stable; if none of the laws stabilises it, return the one that comes closest.
 
     Parameters
     ----------
@@ -330,14 +330,14 @@ def _driven(gait: Gait) -> tuple[str, ...]:
 
 
 def _efforts(walker: WalkerType) -> dict[str, float]:
-    """The largest torque that a motor can give, of those motors for which the robot's file states it [N m]."""
+    """The largest torque of each motor for which the robot's file states it [N m]."""
     limits = joint_limits(walker)
     efforts = {name: limits[name][1] for name in walker.actuators if name in limits}
     return {name: effort for name, effort in efforts.items() if effort is not None}
 
 
 def _along_phase(gait: Gait, names: Sequence[str], motors: Sequence[str], stated: str | None) -> tuple[Joints, str]:
-    """Joints along the stated phase, or along the first one that is monotone; those that the walker names come first.
+    """Joints along the stated phase, or along the first monotone one; phases that the walker names are tried first.
 
     Raises
     ------
@@ -360,9 +360,9 @@ def _along_phase(gait: Gait, names: Sequence[str], motors: Sequence[str], stated
 
 
 def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[Iterable[Candidate]]:
-    """The laws that are tried in order; of several together, the first one that has a gait counts.
+    """Groups of laws in the order in which they are tried, lowest degrees or gains first.
 
-    The lowest degree, or the least gains, come first.
+    The first law of a group that has a gait represents the group.
     """
     name, walker, efforts = gait.problem.name, gait.system.walker, _efforts(type(gait.problem.walker))
     if law is FeedbackLaw.STEP:

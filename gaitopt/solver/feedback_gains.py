@@ -1,11 +1,12 @@
-"""Gains of feedback from step to step for a linearised return map, x+ = A x + B u with u = K x.
+"""Gains K of feedback from step to step, u = K x, for the linearised return map x+ = A x + B u.
 
     lqr               K = -(R + B' P B)^-1 B' P A     with the solution P of the discrete Riccati equation
     deadbeat          (A + B K)^n = 0                 by the subspaces from which zero is reached in k steps
     minimum_radius    min max |eig(A + B K)|          subject to |K_ij| <= max_gain; by seeded local searches
 
-For deadbeat control let S_0 = {0} and S_(k+1) the states from which some input leads into S_k. If these subspaces end
-short of all states, a multiplier that is not zero cannot be moved. Otherwise A + B K maps every S_(k+1) into S_k.
+For deadbeat control let S_0 = {0}, and let S_(k+1) be the states from which some input leads into S_k. If the
+largest of these subspaces is not the whole space, a nonzero multiplier cannot be moved. Otherwise K is chosen such that
+A + B K maps every S_(k+1) into S_k.
 """
 
 from contextlib import suppress
@@ -18,11 +19,11 @@ from gaitopt.model.step_feedback import FeedbackDesign, Lqr, MinimumRadius
 from gaitopt.solver.return_map import ReturnMapDerivatives
 
 NEGLIGIBLE = 1e-9
-"""Singular value, relative to the largest one, below which a direction does not belong to a subspace."""
+"""A direction belongs to a subspace if its singular value, relative to the largest one, exceeds this number."""
 NILPOTENT = 1e-6
-"""Largest entry of (A + B K)^n, relative to that of A, that rounding leaves."""
+"""Largest entry of (A + B K)^n, relative to that of A, that is attributed to rounding."""
 STARTS, SEED = 24, 1
-"""Number of starts of the search for the least radius, and its random seed."""
+"""Number of starting gains that the search for the least radius compares, and its random seed."""
 
 
 def designed_gains(name: str, map_: ReturnMapDerivatives, units: Array, design: FeedbackDesign) -> Array:
@@ -30,7 +31,7 @@ def designed_gains(name: str, map_: ReturnMapDerivatives, units: Array, design: 
 
     Parameters
     ----------
-    name : of the problem, for messages.
+    name : name of the problem, for messages.
     units : ndarray, shape (n,) - natural units of the section coordinates.
 
     Raises
@@ -72,24 +73,23 @@ def _regulator(A: Array, B: Array, Q: Array, R: Array) -> Array:
 
 
 def deadbeat_gains(name: str, A: Array, B: Array) -> Array:
-    """The gains with which every deviation vanishes, of coordinates in natural units."""
+    """The gains with which every deviation vanishes; A, B and the gains are in natural units."""
     n, m = B.shape
-    reached, X, U = np.zeros((n, 0)), np.zeros((n, 0)), np.zeros((m, 0))
-    while reached.shape[1] < n:
-        target = _orthonormal(np.hstack([reached, B]))
+    S, X, U = np.zeros((n, 0)), np.zeros((n, 0)), np.zeros((m, 0))
+    while S.shape[1] < n:
+        target = _orthonormal(np.hstack([S, B]))
         outside = A - target @ (target.T @ A)
         following = _null_space(outside, float(np.linalg.norm(A, 2)))
-        new = following - reached @ (reached.T @ following)
-        new = _orthonormal(new)
+        new = _orthonormal(following - S @ (S.T @ following))
         if not new.shape[1]:
             raise SolveError(
                 f"{name}: step_feedback.design.deadbeat: the multiplier {_fixed_multiplier(A, B):.4g} cannot be moved "
                 "by these parameters; name others with corrects"
             )
-        # inputs that lead from the new states into the subspace reached before
-        off = np.eye(n) - reached @ reached.T
+        # inputs that lead from the new states into S_k
+        off = np.eye(n) - S @ S.T
         inputs = -np.linalg.lstsq(off @ B, off @ A @ new, rcond=NEGLIGIBLE)[0]
-        X, U, reached = np.hstack([X, new]), np.hstack([U, inputs]), np.hstack([reached, new])
+        X, U, S = np.hstack([X, new]), np.hstack([U, inputs]), np.hstack([S, new])
     K = np.asarray(U @ np.linalg.inv(X), dtype=float)
     left = np.abs(np.linalg.matrix_power(A + B @ K, n)).max()
     if not left <= NILPOTENT * max(1.0, np.abs(A).max()):
@@ -129,7 +129,7 @@ def least_radius_gains(A: Array, B: Array, units: Array, design: MinimumRadius) 
 
 
 def _fixed_multiplier(A: Array, B: Array) -> complex | float:
-    """The largest multiplier that no input moves: where (A - lambda, B) loses rank."""
+    """The largest multiplier lambda that no input moves, that is, at which (A - lambda, B) loses rank."""
     n, size = len(A), np.linalg.norm(np.hstack([A, B]), 2)
     values = np.linalg.eigvals(A)
     lost = [np.linalg.svd(np.hstack([A - v * np.eye(n), B]), compute_uv=False)[-1] for v in values]
@@ -147,6 +147,6 @@ def _orthonormal(columns: Array) -> Array:
 
 
 def _null_space(M: Array, size: float) -> Array:
-    """An orthonormal basis of the vectors that a matrix maps to zero, up to rounding of matrices of a size."""
+    """An orthonormal basis of the null space of a matrix whose rounding errors are proportional to ``size``."""
     _, s, Vt = np.linalg.svd(M)
     return np.asarray(Vt[int((s > NEGLIGIBLE * size).sum()) :].T)

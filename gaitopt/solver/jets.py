@@ -1,4 +1,4 @@
-"""Taylor coefficients of the shooting equations along a polynomial curve of unknowns: their directional derivatives.
+"""Taylor coefficients of the shooting equations F along a polynomial curve of their unknowns w.
 
     w(e) = w_0 + w_1 e + w_2 e^2 + ...,      F(w(e)) = F_0 + F_1 e + F_2 e^2 + ...
     F_1 = F' w_1,      F_2 = F' w_2 + F'' (w_1, w_1) / 2,      F_3 = F' w_3 + F'' (w_1, w_2) + F''' (w_1, w_1, w_1) / 6
@@ -24,14 +24,14 @@ from gaitopt.solver.shooting import MultipleShooting, conditions
 
 @built_once(maxsize=256)
 def jet_of(function: Function, order: int, plain: tuple[int, ...], moved: tuple[int, ...] | None = None) -> Function:
-    """The Taylor coefficients of a function, in columns, from those of its inputs, likewise in columns.
+    """A function that maps Taylor coefficients of the inputs to those of the output; each order is one column.
 
     Parameters
     ----------
     function : a function of vectors and matrices, with one output.
-    plain : numbers of the inputs that are constant.
-    moved : entries of the first of these inputs that do vary; an additional last input has their coefficients from the
-        first order on.
+    plain : indices of the inputs that are constant.
+    moved : entries of the first of these inputs that vary after all; their coefficients from the first order on are an
+        additional last input.
     """
     e = SX.sym("e")
     inputs, values = list[SX](), list[SX]()
@@ -59,13 +59,13 @@ def _series(columns: SX, e: SX) -> SX:
 
 
 class Jets:
-    """Taylor coefficients along some curves of unknowns at once.
+    """Taylor coefficients of the equations of a gait along m curves of unknowns at once.
 
     Parameters
     ----------
     equations : the equations of the gait.
-    p : ndarray - all parameters.
-    curves : ndarray, shape (order + 1, m, n_w) - coefficients of each curve; the first one is w_0.
+    p : ndarray, shape (n_p,) - all parameters.
+    curves : ndarray, shape (order + 1, m, n_w) - coefficients of each curve, from w_0 on.
     """
 
     def __init__(self, equations: MultipleShooting, p: Array, curves: Array) -> None:
@@ -84,7 +84,7 @@ class Jets:
         self._times[:, 0], self._lengths[:, 0] = mesh.interval_times(self.durations[0, 0])
 
     def equalities(self) -> Array:
-        """Coefficients of the equalities; shape (order + 1, m, n)."""
+        """Coefficients of the residuals of all equalities, shape (order + 1, m, n)."""
         equations, mesh = self._equations, self._equations.mesh
         ends = np.empty((self.count, self.order + 1, mesh.intervals, equations.system.n_z))
         for index, at in enumerate(mesh.arc_intervals):
@@ -175,12 +175,12 @@ def second_derivatives(equations: MultipleShooting, w: Array, p: Array, first: A
 
 
 def _by_point(*arrays: Array) -> tuple[Array, ...]:
-    """Coefficients (m, order + 1, k, ...) of k points as rows of a map, shape (m k, ...)."""
+    """Coefficients (m, order + 1, k, ...) at k points, rearranged as m k rows of inputs for a mapped function."""
     return tuple(np.swapaxes(each, 1, 2).reshape(each.shape[0] * each.shape[2], -1) for each in arrays)
 
 
 def _multiply(lengths: Array, rates: Array, out: Array) -> None:
-    """Product of two truncated series whose coefficients are along the second axis."""
+    """Product of two truncated series; the second axis of each array counts the order."""
     out[...] = lengths[:, :1] * rates
     for k in range(1, rates.shape[1]):
         out[:, k:] += lengths[:, k, None] * rates[:, :-k]

@@ -1,7 +1,7 @@
-"""Many walks at once, each on tiles of its own; on heyoka in batches, on scipy one after the other.
+"""Many walks, each on a floor of its own; heyoka advances them in batches, scipy one after the other.
 
-A floor of m walks is three arrays with a row per walk and a column per tile, the last of which repeats. Where the rest
-of all floors is nominal, the walks go on with the nominal system, which takes less time.
+The floors of m walks are arrays of friction, height and slope with a row per walk and a column per tile; the last tile
+repeats. From the tile on where all floors are nominal, the nominal system is simulated, which takes less time.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,7 +23,7 @@ from gaitopt.simulation.simulator import Simulator, stepper_class
 
 Rows = NDArray[np.intp]
 Floors = Mapping[str, Array]
-"""Friction, height and slope, shape (m, tiles) each, of m walks; what is missing is nominal."""
+"""Friction, height and slope of the tiles of m walks by name, shape (m, tiles) each; a missing one is nominal."""
 
 
 def floor_of(floors: Floors, row: int) -> Floor:
@@ -44,14 +44,14 @@ class TiledWalks:
     ----------
     dynamics : the walker on the nominal floor, in its first step.
     states : ndarray, shape (m, n_z) - states just after an impact.
-    floors : of the walks; None for the nominal floor.
+    floors : the floors of the walks; None for the nominal floor.
     engine : ``scipy`` or ``heyoka``.
 
     Attributes
     ----------
     states : ndarray, shape (m, n_z) - the latest states of the walks.
     walking : indices of the walks that go on.
-    steps : number of steps that all of these have completed.
+    steps : number of steps that each of these has completed.
     in_batches : whether heyoka advances them together.
 
     Raises
@@ -73,7 +73,7 @@ class TiledWalks:
             self._one_by_one = [self._walk(state, row, stepper_class(engine)) for row, state in enumerate(states)]
 
     def step(self) -> tuple[Rows, StepOutcomes]:
-        """One step of the walks that go on; these walks, and how their steps ended."""
+        """Advance the walks that go on by one step; return their indices and how their steps ended."""
         rows = self.walking
         if self.in_batches:
             outcomes = self._batches.step(self.steps, rows, self.states[rows])
@@ -88,7 +88,7 @@ class TiledWalks:
         self.walking = np.setdiff1d(self.walking, rows)
 
     def restart(self, rows: Rows, sources: Rows) -> None:
-        """Let walks that have ended go on as copies of others, on the tile under their feet; in batches only."""
+        """Let ended walks go on from the states and tiles of others; this works in batches only."""
         self.states[rows] = self.states[sources]
         self._batches.copy(self.steps, rows, sources)
         self.walking = np.union1d(self.walking, rows)
@@ -109,7 +109,7 @@ def _joined(parts: list[StepOutcomes]) -> StepOutcomes:
 
 
 class _Batches:
-    """Steps of a walker on one foot on heyoka."""
+    """Steps of many walks of a walker that stands on one foot, integrated together by heyoka."""
 
     def __init__(self, dynamics: Dynamics, floors: Floors) -> None:
         from gaitopt.simulation.heyoka_batch import BatchSimulator  # needs heyoka, which is optional
@@ -134,7 +134,7 @@ class _Batches:
             values[rows, min(n, values.shape[1] - 1)] = values[sources, min(n, values.shape[1] - 1)]
 
     def _under(self, n: int, base: int, rows: Rows) -> Tiles:
-        """Tile ``n`` of some walks, at its height over tile ``base``."""
+        """Tile ``n`` of some walks, with its height relative to tile ``base``."""
         friction, height, slope = (self._floors.get(name) for name in QUANTITIES)
         of = [
             None if values is None else values[rows, min(n, values.shape[1] - 1)]
@@ -161,14 +161,14 @@ class _Batches:
 def returning(
     gait: Gait, states: Array, floors: Floors | None, engine: Engine, *, steps: int, distance: float
 ) -> NDArray[np.bool_]:
-    """Whether each walk comes back to a gait: within some steps its section coordinates are those of the gait.
+    """Whether each walk returns to a gait, that is, whether its section coordinates become those of the gait.
 
     Parameters
     ----------
     states : ndarray, shape (m, n_z) - states just after an impact.
     floors : see ``TiledWalks``.
     steps : largest number of steps.
-    distance : largest difference, in natural units.
+    distance : largest difference of a coordinate, in natural units, at which a walk has returned.
     """
     section, units = gait.system.section(gait.cycle), gait.dynamics.state_units
     names, at = gait.system.state_names, section.indices
