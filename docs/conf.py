@@ -221,6 +221,7 @@ MOVED = {
     "round-feet": "zoo.html#round-feet",
     "running": "zoo.html#running",
     "feet": "zoo.html#several-contacts",
+    "sensitivity": "branches.html#derivatives",
     "engines": "do-simulators-stick.html#run-a-replay",
     "verification": "troubleshooting.html#the-claims-of-a-verification",
     "scope": "comparison.html#what-gaitopt-can-and-cannot-model",
