@@ -27,7 +27,7 @@ completes keys and shows their units if the first line of a file is
 | mode | {modes}; or [a mapping](problem-file.md#modes) for stops, switches or several contacts |
 | list, mapping | `[a, b]`, `{{key: value}}`; *numbers by name* maps names, such as those of motors, to numbers |
 
-Values outside the range are errors; those outside the range after "usually" only trigger a warning. Ranges may be in
+Values outside the range are rejected; those outside the range after "usually" only trigger a warning. Ranges may be in
 natural units: l is the leg length (radius), m the total mass, g gravity; "±100 X" means from -100 X to 100 X. All
 numbers are at most 1e30 in size, and positive ones at least 1e-30. A key that is neither required nor has a default may
 be left out.
