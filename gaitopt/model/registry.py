@@ -4,12 +4,12 @@ The entry-point groups of plugins are ``gaitopt.walkers`` and ``gaitopt.controls
 """
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import groupby
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from gaitopt.errors import GaitoptWarning, ProblemError
 from gaitopt.model.contract import check_law
@@ -18,6 +18,7 @@ from gaitopt.model.declaration import check_class
 from gaitopt.model.foreign import raised
 from gaitopt.model.walker import Walker
 
+Class = TypeVar("Class")
 ENTRY_POINT_GROUP = "gaitopt.walkers"
 CONTROL_GROUP = "gaitopt.controls"
 OWN_PACKAGE = "gaitopt.model."
@@ -64,12 +65,38 @@ CONTROLS = Kind(
 )
 
 
-def registered_walkers() -> Mapping[str, type[Walker]]:
+class Plugins(Mapping[str, Class]):
+    """Classes of a kind by name; an entry point is imported when its class is first asked for."""
+
+    def __init__(self, kind: Kind, entries: Mapping[str, Any]) -> None:
+        self._kind, self._entries = kind, dict(entries)
+
+    def __getitem__(self, name: str) -> Class:
+        entry = self._entries[name]
+        if not isinstance(entry, type):
+            entry = self._entries[name] = _load(self._kind, entry)
+        return cast(Class, entry)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._entries
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __or__(self, others: Mapping[str, Class]) -> "Plugins[Class]":
+        """These classes and others, which take precedence."""
+        return Plugins(self._kind, {**self._entries, **others})
+
+
+def registered_walkers() -> Plugins[type[Walker]]:
     """The walkers that a problem file may name, by name."""
     return _plugins(WALKERS)[0]
 
 
-def registered_controls() -> Mapping[str, type[Control]]:
+def registered_controls() -> Plugins[type[Control]]:
     """The control laws that a problem file may name, by name."""
     return _plugins(CONTROLS)[0]
 
@@ -91,8 +118,11 @@ def refused_controls() -> Mapping[str, str]:
 
 
 @lru_cache(maxsize=2)
-def _plugins(kind: Kind) -> tuple[dict[str, Any], dict[str, str]]:
-    """Classes by name, and messages about those that cannot be used; the first call issues a warning about these."""
+def _plugins(kind: Kind) -> tuple[Plugins[Any], dict[str, str]]:
+    """Classes by name, and messages about those that cannot be used; the first call issues a warning about these.
+
+    The classes of other packages are imported at once, those of this package when they are first asked for.
+    """
     classes: dict[str, Any] = {}
     refused: dict[str, str] = {}
     order = {point.name: k for k, point in enumerate(kind.own)}
@@ -106,7 +136,7 @@ def _plugins(kind: Kind) -> tuple[dict[str, Any], dict[str, str]]:
             continue
         point = (ours or [*values.values()])[0]
         try:
-            classes[name] = _load(kind, point)
+            classes[name] = point if ours else _load(kind, point)
         except ProblemError as error:
             refused[name] = str(error)
         for other in values.keys() - {point.value}:
@@ -114,7 +144,7 @@ def _plugins(kind: Kind) -> tuple[dict[str, Any], dict[str, str]]:
     if refused:
         reasons = "; ".join(f"{kind.title} {name}: {why}" for name, why in refused.items())
         warnings.warn(f"not available: {reasons}", GaitoptWarning, stacklevel=2)
-    return classes, refused
+    return Plugins(kind, classes), refused
 
 
 def _load(kind: Kind, point: EntryPoint) -> Any:

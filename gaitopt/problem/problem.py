@@ -471,8 +471,8 @@ def check_installed(record: Mapping[str, Any]) -> None:
     """
     passed = _PASSED.get()
     kinds: dict[tuple[str, str], tuple[str, Mapping[str, object], Mapping[str, str]]] = {
-        ("walker", "model"): ("walker", {**registered_walkers(), **passed.walkers}, refused_walkers()),
-        ("control", "type"): ("control law", {**registered_controls(), **passed.controls}, refused_controls()),
+        ("walker", "model"): ("walker", registered_walkers() | passed.walkers, refused_walkers()),
+        ("control", "type"): ("control law", registered_controls() | passed.controls, refused_controls()),
     }
     for (section, key), (kind, known, refused) in kinds.items():
         stated = record.get(section)
@@ -548,9 +548,7 @@ def build_problem(
         If there are faults; the message has one line for each.
     """
     data = _with_files(data, files[-1].parent if files else Path(), faults, place)
-    every = Known(
-        walkers={**registered_walkers(), **classes.walkers}, controls={**registered_controls(), **classes.controls}
-    )
+    every = Known(walkers=registered_walkers() | classes.walkers, controls=registered_controls() | classes.controls)
     fields = read_statement(data, every, faults)
     walker, control, reference = fields["walker"], fields["control"], None
     name, key = control.source if control else ("", ())

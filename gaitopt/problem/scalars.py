@@ -390,7 +390,7 @@ def unit_of(key: str, of: Driven | None = None) -> str:
         acting = {motors[motor]} if motor else {*motors.values()} if unit != "rad" else set()
     else:
         unit, acting = NUMBER_UNITS.get(names[-1], ""), set[str]()
-        for walker in registered_walkers().values():
+        for walker in registered_walkers().values() if names[0] == "walker" else ():
             if names[-1] in walker.model_fields:
                 unit = words_and_unit(walker.model_fields[names[-1]].description or "")[1]
     units = dict.fromkeys(OF_FORCES.get(unit, unit) if motor == "N" else unit for motor in sorted(acting))
