@@ -114,13 +114,16 @@ def transition_at(table: Transitions, cycle: Cycle, key: MonitorKey) -> Transiti
 def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
     """The label of the contact, or group of contacts, to which a vanishing monitor belongs; empty if it has none.
 
-    For the impact that ends a step, it is the name after the feet have swapped roles, like in ``impact``. For a phase
-    that vanishes, it is the contact whose state differs from both neighbouring phases.
+    For an impact in which the feet swap roles, it is the name after that, like in ``impact``. For a phase that
+    vanishes, it is the contact whose state differs from both neighbouring phases.
     """
     if "." in key.kind:
-        partner = walker.partners()
-        names = contact_of(key.kind).split("+")
-        return "+".join(names if key.phase is not None else (partner.get(name, name) for name in names))
+        names, swaps = contact_of(key.kind).split("+"), key.phase is None
+        if key.phase is not None and kind(key.kind) in IMPACT_MARGINS:
+            landed = cycle.reset_after(key.phase)
+            swaps = landed is not None and landed.swaps
+        partner = walker.partners() if swaps else {}
+        return "+".join(partner.get(name, name) for name in names)
     if key.phase is None:
         return ""
     mode, n = cycle.phases[key.phase], len(cycle.phases)
@@ -197,9 +200,11 @@ def _impact_edits(
     index = 0 if key.phase is None else key.phase + 1 - cycle.first_phases[step]
     before, ((first, landed), *rest) = phases[following][:index], phases[following][index:]
     impact = impacts[step] if ends_step else landed or first
+    swaps = table.cycle_end == TOUCHDOWN if ends_step else landed is not None and landed.swaps
     for candidate in transition.candidates:
-        new = table.walker.swapped(candidate) if ends_step and table.cycle_end == TOUCHDOWN else candidate
-        changed, struck = _changed(new, impact), new if landed is not None and not ends_step else None
+        new = table.walker.swapped(candidate) if swaps else candidate
+        struck = None if ends_step or landed is None else new.swapping if swaps else new
+        changed = _changed(new, impact)
         mode = first.with_states(changed)
         ways = [((mode, struck), (first, None), *rest), ((mode, struck), *rest), ((first, struck), *rest)]
         if transition.at_rest:  # the slip after the impact fades: it vanishes, starts from rest, or reverses

@@ -320,18 +320,18 @@ def _peak(values: Array) -> float:
 
 
 def swings(steps: Sequence[list[tuple[Arc, Along]]]) -> list[list[tuple[Arc, Along]]]:
-    """The arcs between two swaps of the feet. If the feet swap within a step, its last swing continues in its first.
+    """The arcs between two swaps of the feet. If they swap within the steps, the last swing continues in the first.
 
     Parameters
     ----------
     steps : for each step its arcs, each with something along it.
     """
-    found = list[list[tuple[Arc, Along]]]()
-    for pairs in steps:
-        starts = [k for k, (arc, _) in enumerate(pairs) if k and arc.struck is not None and arc.struck.swaps]
-        groups = [pairs[i:k] for i, k in pairwise([0, *starts, len(pairs)])]
-        found += groups if len(groups) == 1 else [groups[-1] + groups[0], *groups[1:-1]]
-    return found
+    pairs = [pair for step in steps for pair in step]
+    starts = [k for k, (arc, _) in enumerate(pairs) if k and arc.struck is not None and arc.struck.swaps]
+    if not starts:
+        return [*steps]
+    groups = [pairs[i:k] for i, k in pairwise([0, *starts, len(pairs)])]
+    return [groups[-1] + groups[0], *groups[1:-1]]
 
 
 def _clearances(observed: list[tuple[Arc, Observation]]) -> Iterator[float]:

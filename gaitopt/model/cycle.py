@@ -44,7 +44,7 @@ class ModeSequence:
     impact : the mode just after the impact; if the step ends without an impact, the contacts of its last phase.
     timed : indices of the timed phases, ascending.
     landings : for every phase that begins with the landing of a contact within the step, its index and the mode just
-        after that impact. A foot on which the walker then stands alone has swapped roles with the other one.
+        after that impact, see ``Mode.swaps``.
 
     Raises
     ------
@@ -71,11 +71,11 @@ class ModeSequence:
                 raise ValueError(f"phase {k} is a flight: it ends with the impact of the step, not with {second}")
 
     def __str__(self) -> str:
-        alone = [k for k, landed in self.landings if landed.swaps]
-        swings = [self.phases[i:k] for i, k in pairwise([0, *alone, len(self.phases)])]
+        swaps = [k for k, landed in self.landings if landed.swaps]
+        swings = [self.phases[i:k] for i, k in pairwise([0, *swaps, len(self.phases)])]
         if len(swings) == 1:
             return f"{mode_words(self.phases, self.timed)}; {self.impact.brief}"
-        landed = [dict(self.landings)[k].brief for k in alone]
+        landed = [dict(self.landings)[k].brief for k in swaps]
         texts = [f"{mode_words(swing)} ({impact})" for swing, impact in zip(swings[:-1], landed, strict=True)]
         return f"{', '.join([*texts, mode_words(swings[-1])])}; {self.impact.brief}"
 
@@ -121,12 +121,7 @@ class Cycle:
             timed = (k for k, phase in enumerate(phases) if UNTIL in phase)
             modes = [Mode.from_record({key: v for key, v in phase.items() if key != IMPACT}) for phase in phases]
             struck = ((k, phase[IMPACT]) for k, phase in enumerate(phases) if IMPACT in phase)
-            landings = [
-                (k, modes[k].with_states({name: after.get(name, OFF) for name in modes[k].contacts}))
-                if isinstance(after, Mapping)
-                else (k, Mode(after))
-                for k, after in struck
-            ]
+            landings = [(k, modes[k].after_impact(after)) for k, after in struck]
             steps.append(ModeSequence(tuple(modes), Mode.from_record(step["impact"]), tuple(timed), tuple(landings)))
         return cls(tuple(steps))
 

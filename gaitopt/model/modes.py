@@ -35,6 +35,9 @@ LEAVES = "leaves"
 """In problem files, the state of a contact that touches the ground before an impact and is off after it."""
 IMPACT = "impact"
 """Key of a phase that begins with an impact: the states of the contacts just after it."""
+FEET, SWAPPED = "feet", "swapped"
+"""Key and value in the states of named contacts just after an impact within a cycle, if the feet swap roles in it. The
+contacts then have the names that they have after it."""
 _AFTER_IMPACT = (*(state for state in NAMED if state != OFF), LEAVES)
 
 
@@ -53,6 +56,8 @@ class Mode(str):
     directions : sign of the slip velocity of every contact by name: +1 downhill, -1 uphill, 0 if it does not slip.
         Read-only.
     sticks, slips : whether friction holds all contacts on the ground, and whether one of them slips.
+    swaps : of an impact within a cycle, whether the feet swap roles in it, so that each has the other's name after it.
+        If the walker stands on one foot at a time, they do so whenever a foot lands.
     fixes_x : whether the foot at the base point sticks, so that dx is zero.
     direction : sign of the slip velocity of the foot at the base point; 0 if the base point is not a foot.
     stops : state of every stop and switch by name, in order. Read-only.
@@ -71,6 +76,7 @@ class Mode(str):
     directions: Mapping[str, int]
     sticks: bool
     slips: bool
+    swaps: bool
     fixes_x: bool
     direction: int
     stops: Mapping[str, str]
@@ -93,13 +99,17 @@ class Mode(str):
             named = [part.partition(": ") for part in parts if ": " in part]
             stops = parts[len(named) :] if named else others
             contacts = {name: word for name, _, word in named}
+            is_unique, swaps = len(contacts) == len(named), contacts.get(FEET) == SWAPPED
+            if swaps:
+                del contacts[FEET]
             words, states = NAMED if named else _DIRECTIONS, dict(stop.rpartition(" ")[::2] for stop in stops)
             strange = any(word not in words for word in contacts.values() or [first])
-            if strange or any(state not in STATES for state in states.values()) or len(contacts) < len(named):
+            if strange or any(state not in STATES for state in states.values()) or not is_unique:
                 what = f"a contact can {', '.join(words)}" if named else f"a foot can {', '.join(words)}"
                 raise ValueError(f"{text!r} is not a mode: {what}")
             mode = super().__new__(cls, text)
-            mode.contact = Mode(", ".join(parts[: len(parts) - len(stops)])) if stops else mode
+            of_contacts = [part for part in parts[: len(parts) - len(stops)] if part != f"{FEET}: {SWAPPED}"]
+            mode.contact = Mode(", ".join(of_contacts)) if len(of_contacts) < len(parts) else mode
             mode.contacts = contacts or {FOOT: OFF if first == _FLIGHT else first, SWING_FOOT: OFF}
             mode.touching = tuple(name for name, word in mode.contacts.items() if word != OFF)
             mode.directions = {name: NAMED[word] for name, word in mode.contacts.items()}
@@ -111,6 +121,7 @@ class Mode(str):
             mode.free, mode.locked, mode.off, _ = (
                 tuple(name for name in states if states[name] == state) for state in STATES
             )
+            mode.swaps = swaps or not (named or mode.locked)
             _MODES.setdefault(text, mode)  # unless another thread has just made it
         return _MODES[text]
 
@@ -142,13 +153,15 @@ class Mode(str):
         return ": " in self
 
     @property
-    def swaps(self) -> bool:
-        """Whether the feet swap roles in this impact within a cycle, so that the one that lands becomes ``foot``."""
-        return not (self.is_named or self.locked)
+    def swapping(self) -> "Mode":
+        """The impact within a cycle in which the feet swap roles, and after which the contacts have these states."""
+        return Mode.of_contacts({**self.contacts, FEET: SWAPPED}) if self.is_named else self.contact
 
     def with_states(self, changed: Mapping[str, str]) -> "Mode":
         """Other states of some contacts, with the same stops and switches."""
         contacts = {**self.contacts, **changed}
+        if self.is_named and self.swaps:
+            return Mode.of_contacts(contacts).swapping
         return self.with_contact(Mode.of_contacts(contacts) if self.is_named else Mode.of_feet(contacts))
 
     @staticmethod
@@ -169,6 +182,7 @@ class Mode(str):
         touching = {
             "type": "object",
             "description": words,
+            "properties": {FEET: {"type": "string", "enum": [SWAPPED, *_AFTER_IMPACT]}},
             "additionalProperties": {"type": "string", "enum": [*_AFTER_IMPACT]},
         }
         contacts = {
@@ -197,6 +211,13 @@ class Mode(str):
             return cls.of(contact, stops)
         return cls.of(cls.of_contacts(contact), stops if "mode" in record else {})
 
+    def after_impact(self, record: str | Mapping[str, str]) -> "Mode":
+        """The mode just after the impact with which a phase in this mode begins, from its record in JSON."""
+        if isinstance(record, str):
+            return Mode(record)
+        after = self.with_states({name: record.get(name, OFF) for name in self.contacts})
+        return after.swapping if record.get(FEET) == SWAPPED else after
+
     @property
     def held(self) -> "Mode":
         """The mode in which all contacts on the ground stick; a single foot sticks even if it flies in this mode."""
@@ -212,7 +233,9 @@ class Mode(str):
     @property
     def words(self) -> str | dict[str, str]:
         """The contacts in JSON: the state of a foot, or a mapping from named contacts to their states."""
-        return dict(self.contacts) if self.is_named else str(self.contact)
+        if not self.is_named:
+            return str(self.contact)
+        return {**self.contacts, **({FEET: SWAPPED} if self.swaps else {})}
 
     @property
     def record(self) -> dict[str, Any]:
@@ -228,9 +251,9 @@ class Mode(str):
         """A phase in a problem file that begins with an impact, with the states of the contacts just after it."""
         if impact is None:
             return self.data
-        if impact.swaps:
+        if isinstance(impact.words, str):
             return {**self.record, IMPACT: impact.words}
-        touching = {name: word for name, word in impact.contacts.items() if word != OFF}
+        touching = {name: word for name, word in impact.words.items() if word != OFF}
         return {**(self.record if self.stops else self.contacts), IMPACT: touching}
 
     def with_contact(self, contact: "Mode") -> "Mode":

@@ -454,8 +454,8 @@ class Transitions:
         return self.struck_within(impact) if within else self.walker.swapped(impact)
 
     def struck_within(self, landed: Mode) -> Mode:
-        """An impact within a step with the names of contacts before it: a lone foot lands as the other one."""
-        return self.walker.swapped(landed) if landed.swaps else landed
+        """An impact within a step with the names that the contacts have before it."""
+        return self.walker.swapped(landed.contact) if landed.swaps else landed
 
     def written_impact(self, struck: Mode) -> Mode:
         """An impact with the names of contacts in records, where the only foot on the ground is ``foot``."""
@@ -471,9 +471,9 @@ class Transitions:
         ----------
         after : mode just after the impact, with the names that the contacts have then.
         """
-        if of in self.walker.stops and self.walker.stands_on_one():
-            return None
-        return after if after.is_named else after.contact
+        if of in self.walker.step_ends():
+            return after.swapping
+        return None if self.walker.stands_on_one() else after
 
     def landings(self, row: Transition, mode: Mode) -> Mapping[Mode, Mode]:
         """For every impact that may end a step in ``mode``, the mode after it.
@@ -516,8 +516,8 @@ class Transitions:
 
     def _leading(self, mode: Mode, after: Mode | None, struck: Mode | None) -> list[Transition]:
         """The transitions that explain a change of modes, the best first."""
-        rows, reached = self.of(mode), [m for m in (after, struck) if m is not None]
-        landed = [name for m in reached for name in m.touching if name not in mode.touching]
+        rows = self.of(mode)
+        landed = [name for name in (struck or after or mode).touching if name not in mode.touching]
         gaps = (rows.get(self.name("gap", name)) for name in landed)
         lands = [row for row in gaps if row is not None and row.ends_step is (after is None)]
         if any(row.reset is not None and row.reset.swaps for row in lands):

@@ -22,7 +22,7 @@ from gaitopt.model.control import OWN_PACKAGE, Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.declaration import is_default, joint_limits
 from gaitopt.model.foreign import calling
-from gaitopt.model.modes import IMPACT, LEAVES, NAMED, OFF, STOP_STATES, SWITCH_STATES, Mode
+from gaitopt.model.modes import FEET, IMPACT, LEAVES, NAMED, OFF, STOP_STATES, SWAPPED, SWITCH_STATES, Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import refused_controls, refused_walkers
 from gaitopt.model.section import CLOCK, TOUCHDOWN, has_stated_sections, section_of
@@ -192,13 +192,14 @@ class _StatementReader:
         ----------
         steps : number of steps of the cycle; an odd number if it is not known.
         """
-        ends = self._model.partners().items() if self._model is not None and self._cycle_end == TOUCHDOWN else ()
-        for name, other in ends if self._laws else ():
+        model, within = self._model, self._cycle_end != TOUCHDOWN
+        swapping = model.partners().items() if model is not None and model.step_ends() and self._laws else ()
+        for name, other in swapping:
             ours, theirs = self._laws[name], self._laws[other]
             if isinstance(ours, float) != isinstance(theirs, float):
                 remedy = "give both one number, or both static and kinetic friction"
-            elif ours != theirs and steps % 2:
-                remedy = "give both the same, or state the phases of 2, 4, ... steps"
+            elif ours != theirs and (within or steps % 2):
+                remedy = "give both the same" + ("" if within else ", or state the phases of 2, 4, ... steps")
             else:
                 continue
             difference = f"differs from that of {other}, with which it swaps places after every step"
@@ -488,14 +489,13 @@ class _StatementReader:
         """The data of a gait with modes in place of their words, and the impacts within every step.
 
         A phase that begins with the landing of a contact, or the lock of a stop, may state the mode just after that
-        impact: ``{mode: stick, impact: stick}``. A walker that stands on one foot lands at the end of each step. If
-        something else ends its cycle, landings within the cycle are stated, except those after a flight.
+        impact: ``{mode: stick, impact: stick}``. A landing after which the feet swap roles ends a step. If something
+        else ends the cycle, such landings are stated within it, except those after a flight; of named contacts with
+        the names that they have then, as in ``impact: {heel: stick, toe: leaves, feet: swapped}``.
         """
         is_step, alone = "steps" not in data, bool(model.base_contact())
-        stated = [data] if is_step else data["steps"]
-        ends_in_landing = bool(model.step_ends()) and not (alone and data.get("section", TOUCHDOWN) != TOUCHDOWN)
-        if alone and not (is_step or ends_in_landing):
-            self._fault(("gait", "steps"), "a cycle that ends without a landing is one step: state all its phases")
+        stated, step_ends = [data] if is_step else data["steps"], {*model.step_ends()}
+        ends_in_landing = bool(step_ends) and data.get("section", TOUCHDOWN) == TOUCHDOWN
         steps, landings = list[dict[str, Any]](), list[tuple[tuple[int, Mode], ...]]()
         for number, step in enumerate(stated if isinstance(stated, list | tuple) else ()):
             place: Key = ("gait",) if is_step else ("gait", "steps", number)
@@ -512,19 +512,27 @@ class _StatementReader:
                 entry, path = dict(phase) if isinstance(phase, Mapping) else phase, (*place, "phases", k)
                 impact = entry.pop(IMPACT, None) if isinstance(entry, dict) else None
                 modes.append(self._mode(model, entry, path))
-                before, after = modes[k - 1] if k else modes[k], modes[k]
-                locks = after.locked != before.locked
+                before, after, states_swap = modes[k - 1] if k else modes[k], modes[k], False
                 if impact is not None:
+                    if isinstance(impact, Mapping) and impact.get(FEET) == SWAPPED:
+                        states_swap, impact = True, {name: word for name, word in impact.items() if name != FEET}
                     after = self._mode(model, impact, (*path, IMPACT), after_impact=True)
-                landed = {*(model.swapped(after) if alone and impact is not None else after).touching}
-                lands = bool(k) and bool(landed - {*before.touching})
-                if impact is not None and not (k and (lands or locks)):
+                locks, on_ground = {*modes[k].locked} - {*before.locked}, {*before.touching}
+                landed = {*after.touching} - on_ground
+                others = landed - step_ends - {model.base_contact()}
+                may_swap = not locks and ({*model.swapped(after).touching} - on_ground) & step_ends
+                swaps = states_swap or bool(k and may_swap and (landed or impact is not None) and not others)
+                if states_swap and not (k and may_swap):
+                    self._fault((*path, IMPACT, FEET), "no foot lands with which they would swap: leave it out")
+                elif impact is not None and not (k and (landed or swaps or locks)):
                     reason = "no contact lands and no stop locks" if k else "the step begins there"
                     self._fault((*path, IMPACT), f"{reason}: leave it out")
-                if lands and alone and ends_in_landing and impact is not None:
+                elif swaps and ends_in_landing and impact is not None:
                     self._fault((*path, IMPACT), f"the landing of the {self._name} ends its step: leave it out")
-                if (lands and not (alone and ends_in_landing)) or (locks and not alone):
-                    struck.append((k, after.contact if alone else Mode.of(after, modes[k].stops)))
+                if swaps and not ends_in_landing:
+                    struck.append((k, after.swapping))
+                elif k and not alone and (landed or locks):
+                    struck.append((k, Mode.of(after, modes[k].stops)))
             if not ends_in_landing and modes:
                 if final not in (None, modes[-1].contact):
                     self._fault((*place, "impact"), "the cycle ends without an impact: leave it out")
@@ -584,12 +592,6 @@ class _StatementReader:
             return TOUCHDOWN
         if model.exchanged:
             reason = f"the legs of the {model.model} differ, and would swap their roles within a cycle"
-            self._fault(path, f"{shown(end)} is not possible: {reason}; leave it out")
-            return TOUCHDOWN
-        labelled = [name for name in model.step_ends() if model.label(name)]
-        if labelled:  # after the landing, a label would belong to the other contact
-            landing = " and ".join(labelled)
-            reason = f"a cycle of the {model.model} ends with the landing of {landing}, where the feet swap their roles"
             self._fault(path, f"{shown(end)} is not possible: {reason}; leave it out")
             return TOUCHDOWN
         if end == CLOCK and (self._control is None or not self._control.period):

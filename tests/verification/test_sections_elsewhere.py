@@ -1,4 +1,4 @@
-"""Cycles of a lone foot that end at a margin or with a free clock, with the landings within them.
+"""Cycles of feet that swap roles, which end at a margin or with a free clock, with the landings within them.
 
 Where along a gait its section lies makes no difference to the period and to the multipliers that are not zero.
 """
@@ -18,6 +18,7 @@ from pydantic import Field
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
+from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.impacts import impact_records
 from gaitopt.model.clocked import Period
@@ -26,6 +27,7 @@ from gaitopt.model.instant import Instant
 from gaitopt.model.mechanism import Mechanism
 from gaitopt.model.units import Finite
 from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.slip_runner import SlipRunner
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
 from gaitopt.problem.problem import Problem, parse_problem
@@ -97,6 +99,37 @@ def mid_stride() -> Problem:
     phases = ["stick", "slip_backward", SLIP, "stick"]
     gait = {"section": {"margin": "middle"}, "phases": phases, "guess": {"state": state}}
     return restated("compass-passive-a", walker=plain["walker"] | {"model": "mid_compass"}, gait=gait)
+
+
+class MidHeelToe(HeelToe):
+    """The walker on heels and toes, with a margin that falls to zero while it rolls over its toe."""
+
+    model = "mid_heel_toe"
+    sections = ("middle",)
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """That of the walker."""
+        return replace(super().mechanism(q, p), sections={"middle": lambda dq: 0.1 - q.theta1})
+
+
+def rolling(name: str) -> Problem:
+    """A walker on heels and toes from one rolling over its toe to the next one."""
+    plain = named(name)
+    arc = next(arc for arc in plain.arcs if arc.states[0, 0] < 0.1 < arc.states[-1, 0])
+    (at,) = curves.evaluate(curves.coefficients(arc.states), curves.roots(arc.states[:, 0] - 0.1))
+    phases, impact = [mode.data for mode in plain.cycle.phases], plain.cycle.impact
+    first = [mode for mode, _ in plain.steps[0].phases].index(arc.mode)
+    swap = {"heel": impact.contacts["heel"], "toe": "leaves", "feet": "swapped"}
+    data = problem_data(plain.problem)
+    state = {n: float(value) for n, value in zip(plain.system.state_names, at, strict=True) if n != "x"}
+    gait = {
+        "section": {"margin": "middle"},
+        "phases": [*phases[first:], {**plain.cycle.phases[0].contacts, "impact": swap}, *phases[1 : first + 1]],
+        "guess": {"state": state},
+    }
+    changed = data | {"walker": data["walker"] | {"model": "mid_heel_toe"}, "gait": gait}
+    return parse_problem(json.dumps(changed), walkers=[MidHeelToe])
 
 
 def clocked(**control: float) -> dict[str, Any]:
@@ -177,6 +210,106 @@ def test_a_runner_has_the_same_multiplier_from_apex_to_apex() -> None:
     assert gait.scalar("period") == pytest.approx(plain.scalar("period"), rel=1e-11)
     np.testing.assert_allclose(gait.multipliers, [*plain.multipliers, 0.0], atol=1e-10)
     assert go.verify(gait).passed
+
+
+def heel_toe_pair(name: str) -> tuple[Gait, Gait]:
+    """The gait of a named problem on heels and toes, from mid-stance to mid-stance and from landing to landing."""
+    gait, plain = go.solve(rolling(name), progress=False), named(name)
+    assert gait.converged, gait.message
+    assert gait.scalar("period") == pytest.approx(plain.scalar("period"), rel=5e-13)
+    np.testing.assert_allclose(gait.multipliers, plain.multipliers[: gait.multipliers.size], atol=1e-9)
+    for quantity in ("step_length", "required_friction", "foot_clearance", "min_normal_force"):
+        assert gait.scalar(quantity) == pytest.approx(plain.scalar(quantity), rel=1e-10), quantity
+    return gait, plain
+
+
+def test_feet_with_several_contacts_swap_within_a_cycle() -> None:
+    gait, plain = heel_toe_pair("heel-toe-slip")
+    assert go.verify(gait).passed
+    swings = "toe stick, toe slip_backward (heel stick), heel slip_forward, heel stick, toe stick"
+    assert str(gait.cycle) == f"{swings}; toe stick"
+    again = parse_problem(json.dumps(problem_data(gait.problem)), walkers=[MidHeelToe])
+    assert (again.digest, again.cycle) == (gait.problem.digest, gait.problem.cycle)
+    impacts, others = ([*impact_records(go.simulate(each, steps=2).trajectory)] for each in (gait, plain))
+    assert [entry["of"] for entry in impacts] == [["swing_heel"], ["toe"]] * 2
+    assert impacts[0]["impact"] == others[1]["impact"]
+    assert impacts[0]["impulse"]["swing_heel"] == pytest.approx(others[1]["impulse"]["swing_heel"], rel=1e-9)
+
+
+@pytest.mark.slow
+def test_heels_and_toes_have_the_same_family_wherever_their_cycle_begins(tmp_path: Path) -> None:
+    for name in ("heel-toe", "heel-toe-impact-slip"):
+        assert go.verify(heel_toe_pair(name)[0]).passed
+    pair = heel_toe_pair("heel-toe-slip")
+    found = [
+        [
+            (special.type, special.contact, round(special.value, 7))
+            for target in (0.3, 0.25)
+            for special in go.continuation(start, "friction", to=target, progress=False).specials
+        ]
+        for start in pair
+    ]
+    assert found[0] == found[1]
+    assert [kind for kind, *_ in found[0]] == ["mode_change", "end", "impact_change", "end"]
+    go.solve(rolling("heel-toe"), output=tmp_path / "gait", progress=False)
+    stored = go.load_run(tmp_path / "gait", walkers=[MidHeelToe])
+    assert stored.cycle == rolling("heel-toe").cycle
+    section = pair[0].system.section(pair[0].cycle)
+    xi = pair[0].state[section.indices] * np.linspace(1, 1.001, 3)[:, None]
+    one_by_one = ReturnMap(Simulator(pair[0].dynamics), section, 1, pair[0].state)
+    for engine in ("scipy", "heyoka"):
+        if engine == "heyoka":
+            pytest.importorskip("heyoka")
+        returned = go.return_map(pair[0], xi, engine=engine)
+        assert [returned.sequence(row) for row in range(3)] == [pair[0].cycle.phases] * 3
+        np.testing.assert_allclose(returned.states, [one_by_one(row).xi for row in xi], atol=1e-10)
+
+
+def test_a_cycle_of_two_steps_from_mid_stride_to_mid_stride_is_that_from_landing_to_landing() -> None:
+    plain = named("compass-passive-two-step")
+    data = problem_data(plain.problem)
+    state = {"theta2": 0.5252779, "dtheta1": 0.8197383, "dtheta2": -0.0820203}
+    step = {"phases": ["stick", {"mode": "stick", "impact": "stick"}]}
+    data["gait"] = {"section": {"margin": "middle"}, "steps": [step, step], "guess": {"state": state}}
+    data["walker"]["model"] = "mid_compass"
+    gait = go.solve(parse_problem(json.dumps(data), walkers=[MidCompass]), progress=False)
+    assert gait.converged, gait.message
+    for quantity in ("period", "step_length", "foot_clearance"):
+        assert gait.scalar(quantity) == pytest.approx(plain.scalar(quantity), rel=1e-12), quantity
+    np.testing.assert_allclose(gait.multipliers, plain.multipliers, atol=1e-9)
+    assert go.verify(gait).passed
+
+
+NO_FOOT = "feet: no foot lands with which they would swap: leave it out"
+
+
+@pytest.mark.parametrize(
+    ("phases", "changes", "words"),
+    [
+        ([{"heel": "stick"}, {"toe": "stick", "impact": {"heel": "leaves", "feet": "swapped"}}], {},
+         rf"gait.phases\[1\].impact.{NO_FOOT}"),
+        ([{"heel": "stick", "impact": {"heel": "stick", "feet": "swapped"}}], {},
+         rf"gait.phases\[0\].impact.{NO_FOOT}"),
+        ([{"toe": "stick"}, {"heel": "stick", "impact": {"heel": "stick", "feet": "kept"}}], {},
+         r"gait.phases\[1\].impact.feet: is not a contact of the mid_heel_toe"),
+        ([{"toe": "stick"}, {"heel": "stick", "impact": {"heel": "stick", "feet": "swapped"}}],
+         {"section": "touchdown", "impact": {"heel": "stick"}},
+         r"gait.phases\[1\].impact: the landing of the mid_heel_toe ends its step: leave it out"),
+        ([{"toe": "stick"}, {"heel": "stick", "impact": {"heel": "stick", "feet": "swapped"}}, {"toe": "stick"}],
+         {"friction": {"heel": 0.3, "swing_heel": 0.4, "toe": 0.3, "swing_toe": 0.3}},
+         r"friction.heel: differs from that of swing_heel, with which .*: give both the same\n"),
+    ],
+)  # fmt: skip
+def test_what_cannot_swap_within_a_cycle_is_refused_with_its_place(
+    phases: list[Any], changes: dict[str, Any], words: str
+) -> None:
+    data = problem_data(named("heel-toe").problem)
+    gait = {"section": {"margin": "middle"}, "phases": phases, "guess": data["gait"]["guess"]}
+    gait |= {key: changes[key] for key in changes if key != "friction"}
+    data |= {"gait": gait, "walker": data["walker"] | {"model": "mid_heel_toe"}}
+    data |= {key: changes[key] for key in changes if key == "friction"}
+    with pytest.raises(ProblemError, match=words):
+        parse_problem(json.dumps(data), walkers=[MidHeelToe])
 
 
 @pytest.mark.slow
