@@ -100,7 +100,7 @@ def wait_for_writer(folder: Path, ready: Callable[[], bool]) -> None:
     deadline, alone = time.monotonic() + PATIENCE, 0
     while not ready() and alone < CHECKS_WITHOUT_WRITER:
         alone = 0 if written_elsewhere(folder) else alone + 1
-        if time.monotonic() > deadline:
+        if not alone and time.monotonic() > deadline:
             raise StorageError(f"{folder} is being written by {_holder(folder)}: wait until it has finished")
         time.sleep(POLLING_TIME)
 
