@@ -9,8 +9,7 @@ These equations determine as many coordinates of s_plus as there are equations; 
 has no ``after_impact``, its posture is computed here, by Newton's method in symbols from ``Walker.posture``.
 """
 
-from collections.abc import Mapping
-from itertools import combinations
+from collections.abc import Iterable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, ClassVar, Protocol
 
@@ -50,9 +49,11 @@ SAMPLES = 32
 """Number of random touchdowns at which the condition of a section is judged."""
 SPREAD = 0.3
 """Range of the coordinates around ``Walker.posture`` in these touchdowns [rad]: the half-angles of walking legs."""
-EQUAL_CONDITION = 0.9
-"""Sections whose condition is at least this part of the best one are as good; then the last coordinates are solved
-for."""
+SMALLEST_ENTRY = 0.9
+"""An equation of the closure is solved for the last of those coordinates whose entry in it, relative to its largest
+one, exceeds this."""
+LARGEST_REMAINDER = 1e-7
+"""An equation whose remainder is no larger than this, relative to itself, follows from the ones before it."""
 
 
 class Closing(Protocol):
@@ -150,9 +151,9 @@ def closure(walker: type[Closing]) -> tuple[Function, Function]:
 def chosen_section(walker: type[Closing]) -> tuple[str, ...]:
     """The section of a walker that names none: the closure is solved for the other coordinates.
 
-    The closure is best conditioned in these: the smallest singular value of its derivative, in the median over random
-    touchdowns around ``Walker.posture``, is largest. Parameters are one unless they have a default. If several choices
-    are as good, the last coordinates are solved for: those of the swing foot if they come after its leg.
+    These are the last ones whose entries in its derivative are not much smaller than the largest one: those of the
+    swing foot if they come after its leg. Entries are compared at random touchdowns around ``Walker.posture``;
+    parameters are one unless they have a default.
 
     Raises
     ------
@@ -165,7 +166,6 @@ def chosen_section(walker: type[Closing]) -> tuple[str, ...]:
     p = [float(field.default) if isinstance(field.default, int | float) else 1.0 for field in fields]
     centre = np.array([float(walker.posture.get(name, 0.0)) for name in walker.shape])
     random, spread = np.random.default_rng(0), min(SPREAD, walker.largest_angle)
-    choices = list(combinations(range(n), m))
     residuals, derivatives = buffered_map(equations, SAMPLES), buffered_map(slopes, SAMPLES)
     s = centre + spread * random.uniform(-1, 1, (SAMPLES, n))
 
@@ -177,14 +177,41 @@ def chosen_section(walker: type[Closing]) -> tuple[str, ...]:
     J = jacobians()
     J = J[np.isfinite(J).all(axis=(1, 2)) & (np.abs(J).max(axis=(1, 2), initial=0.0) > 0)]
     J = J / np.linalg.norm(J, axis=2, keepdims=True)
-    values = [np.linalg.svd(J[:, :, choice], compute_uv=False).min(axis=1, initial=1.0) for choice in choices]
-    if m > n or not len(J) or not (middle := np.median(values, axis=1)).max() > 0:
+    solved = solved_columns(J, [(range(m), range(n)[::-1], SMALLEST_ENTRY)])[0] if len(J) or not m else []
+    if len(solved) < m:
         raise ProblemError(
             f"{walker.__name__}: touchdown and stops determine no posture just after an impact near its posture "
             f"({', '.join(f'{name} = {value:g}' for name, value in zip(walker.shape, centre, strict=True))}): "
             "define posture, or section and after_impact"
         )
-    best = [choice for choice, value in zip(choices, middle, strict=True) if value >= EQUAL_CONDITION * middle.max()][
-        -1
-    ]
-    return tuple(name for k, name in enumerate(walker.shape) if k not in best)
+    return tuple(name for k, name in enumerate(walker.shape) if k not in solved)
+
+
+def solved_columns(
+    J: Array, groups: Iterable[tuple[Sequence[int], Sequence[int], float]]
+) -> tuple[list[int], list[int]]:
+    """Coordinates for which linear equations are solved, by elimination, and the equations that are independent.
+
+    Parameters
+    ----------
+    J : ndarray, shape (n_samples, n_equations, n) - the equations at samples; entries are compared by their medians.
+    groups : indices of equations, indices of the coordinates for which they may be solved, the preferred ones first,
+        and the smallest entry of such a coordinate relative to the largest entry of the equation. If no coordinate has
+        such an entry, the first one with an entry that is no rounding is taken.
+    """
+    A, columns, rows = J.copy(), list[int](), list[int]()
+    for group, order, size in groups:
+        for smallest in (size, LARGEST_REMAINDER):
+            for column in order:
+                left = [k for k in group if k not in rows]
+                if column in columns or not left:
+                    continue
+                entries = np.median(np.abs(A), axis=0)
+                row = max(left, key=lambda k: float(entries[k, column]))
+                if entries[row, column] > smallest * max(entries[row, [*order]].max(), LARGEST_REMAINDER):
+                    columns.append(column)
+                    rows.append(row)
+                    for other in (k for k in range(A.shape[1]) if k not in rows):
+                        A[:, other] -= A[:, other, [column]] / A[:, row, [column]] * A[:, row]
+                        A[:, other][np.abs(A[:, other]) < LARGEST_REMAINDER * 1e-3] = 0.0
+    return columns, rows

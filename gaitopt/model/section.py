@@ -47,6 +47,7 @@ from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building, built_once
 from gaitopt.errors import ProblemError
 from gaitopt.model.buffered import RowMap, buffered
+from gaitopt.model.closure import LARGEST_REMAINDER, solved_columns
 from gaitopt.model.declaration import parameter_namespace, state_after_impact
 from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.model.modes import Mode
@@ -58,8 +59,6 @@ TOUCHDOWN, CLOCK = "touchdown", "clock"
 margins."""
 SAMPLES = 5
 """Number of random states of which one that is not singular determines the solved coordinates."""
-LARGEST_REMAINDER = 1e-7
-"""An equation whose remainder is no larger than this, relative to itself, follows from the ones before it."""
 SMALLEST_ENTRY = 0.1
 """If there is a choice, an equation is solved only for coordinates whose entry in it, relative to its largest one,
 exceeds this."""
@@ -411,10 +410,9 @@ def _solved_coordinates(
             break
     else:
         raise ProblemError(f"{walker.__name__}: no state satisfies the conditions of its section")
-    A, columns, rows = J / np.abs(J).max(axis=1, keepdims=True), list[int](), list[int]()
     groups = [(range(n_places), places, SMALLEST_ENTRY), (range(n_places, n_places + n_rates), rates, SMALLEST_ENTRY)]
-    for k in range(n_places + n_rates, len(A)):
-        is_energy = "energy" in walker.model_fields and k == len(A) - 1
+    for k in range(n_places + n_rates, len(J)):
+        is_energy = "energy" in walker.model_fields and k == len(J) - 1
         groups.append(
             (
                 range(k, k + 1),
@@ -422,17 +420,4 @@ def _solved_coordinates(
                 LARGEST_REMAINDER if is_energy else SMALLEST_ENTRY,
             )
         )
-    for group, order, size in groups:
-        for smallest in (size, LARGEST_REMAINDER):
-            for column in order:
-                left = [k for k in group if k not in rows]
-                if column in columns or not left:
-                    continue
-                row = max(left, key=lambda k: abs(A[k, column]))
-                if abs(A[row, column]) > smallest * max(np.abs(A[row, order]).max(), LARGEST_REMAINDER):
-                    columns.append(column)
-                    rows.append(row)
-                    for other in (k for k in range(len(A)) if k not in rows):
-                        A[other] -= A[other, column] / A[row, column] * A[row]
-                        A[other][np.abs(A[other]) < LARGEST_REMAINDER * 1e-3] = 0.0
-    return columns, rows
+    return solved_columns((J / np.abs(J).max(axis=1, keepdims=True))[None], groups)
