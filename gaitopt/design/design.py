@@ -22,6 +22,7 @@ from gaitopt.gait.gait import Cause, Gait, Status, best_point, describe_causes
 from gaitopt.gait.measures import exceeded_limits
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import kind
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import assemble_gait
 from gaitopt.solver.diagnosis import rejection_reason, status_without_gait
@@ -39,6 +40,9 @@ MAX_MESHES = 3
 """Largest number of searches of the exact problem, each on the mesh that the optimum of the one before needs."""
 COALESCENCE = 1e-3
 """If two multipliers are closer than this, relative to their modulus, rounding changes them by its root."""
+AT_THE_EDGE = 1e-8
+"""An optimum is at the edge of an impact that would stick if the margin, in natural units, is smaller: ``clearance`` is
+a hundredth of it."""
 CREDITED_COST = 1.2
 """If the ratio of absolute to net cost is larger, the message says that the design profits from negative work."""
 
@@ -180,7 +184,8 @@ class _Design:
             message = describe_causes(causes) or str(optimum.shortcoming)
             return self._failed(status_without_gait(causes), message, solver, causes, at=refined)
         gait = assemble_gait(self._problem, refined, message="", solver=solver)
-        return replace(gait, message=_message(gait))
+        edge = [c for c in optimum.evaluation.constraints if kind(c.name) == "impact_onset" and c.value < AT_THE_EDGE]
+        return replace(gait, message=_message(gait, at_onset=bool(edge)))
 
     def _failed(
         self,
@@ -207,9 +212,11 @@ class _Design:
         )
 
 
-def _message(gait: Gait) -> str:
-    """``solved``, with warnings about the cost and the spectral radius."""
+def _message(gait: Gait, *, at_onset: bool) -> str:
+    """``solved``, with warnings about the cost, the spectral radius, and an impact that is about to stick."""
     sentences, problem = ["solved"], gait.problem
+    if at_onset:
+        sentences.append("beyond the optimum, friction suffices for an impact that sticks, which takes precedence")
     net, absolute = gait.measures["cost_of_transport"], gait.measures["absolute_cost_of_transport"]
     names = {*problem.objective, *problem.constraints}
     by_net = bool({"cost_of_transport", "work"} & names)

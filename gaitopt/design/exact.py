@@ -18,6 +18,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.design.sensitivity import Sensitivity
 from gaitopt.design.spectral_radius import SMALLEST_RADIUS, circle_inequalities, modulus_gradient
+from gaitopt.model.transitions import kind
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.problem.statement import Range
@@ -30,8 +31,8 @@ EXTREMA = {name: scalar.extremum for name, scalar in SCALARS.items() if scalar.e
 LARGEST_RESIDUAL = 1e-10
 """Largest residual of the equations of the step at a gait."""
 CLEARANCE = 1e-10
-"""Distance in natural units between a design and the edge of the friction cone, where optima often lie. It exceeds the
-rounding that would otherwise decide, and is less than anyone could measure."""
+"""Distance in natural units between a design and the edge of the friction cone, or of an impact that would stick, where
+optima often lie. It exceeds the rounding that would otherwise decide, and is less than anyone could measure."""
 OUTSIDE = 1e-3
 """If all circle inequalities hold, but the spectral radius exceeds the circle by this, two multipliers left it
 together."""
@@ -51,6 +52,11 @@ def freed_sizes(freed: Array, bounds: Array) -> Array:
     open_sizes = np.maximum(np.abs(freed), SMALLEST_SIZE * np.abs(freed).max(initial=SMALL))
     span = np.where(np.isfinite(span), span, open_sizes)
     return np.clip(np.abs(freed), SMALLEST_SIZE * span, span)
+
+
+def clearance(name: str) -> float:
+    """Smallest value of a margin, in natural units, in a design: at zero, rounding would decide on the mode."""
+    return CLEARANCE if "cone" in name or kind(name) == "impact_onset" else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -230,7 +236,7 @@ class _ExactScalars:
     def margins(self) -> Iterator[Constraint]:
         """The margins of the modes and of the impact."""
         for name, unit, candidate in self.gait.margins():
-            value = candidate.value / unit - (CLEARANCE if "cone" in name else 0.0)
+            value = candidate.value / unit - clearance(name)
             yield Constraint(name=name, key=candidate.key, value=value, gradient=self._in_u(candidate.gradient) / unit)
 
     def invariance(self) -> Iterator[Constraint]:

@@ -31,7 +31,7 @@ from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, 
 from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building
 from gaitopt.callbacks import Stop, Valued
-from gaitopt.design.exact import CLEARANCE, EXTREMA, RADIUS, SMALL, freed_sizes
+from gaitopt.design.exact import EXTREMA, RADIUS, SMALL, clearance, freed_sizes
 from gaitopt.design.sensitivity import OF_STEP, OF_WALKER, impact_quantities, invariance, invariance_labels
 from gaitopt.design.spectral_radius import certified_radius, zero_dynamics_radius
 from gaitopt.gait.gait import Cause, Status
@@ -278,10 +278,10 @@ class SmoothedProblem:
             self._radius = zero_dynamics_radius(equations, w, p) or certified_radius(equations)
         slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
 
-        # the gait, and margins; those of a cone must exceed rounding
+        # the gait, and margins; those at whose zero rounding would decide must exceed it
         margins, labels = equations.inequalities
         scales = Dynamics(equations.system, p).scales
-        least = np.array([CLEARANCE * label.size(scales) if "cone" in label.name else 0.0 for label in labels])
+        least = np.array([clearance(label.name) * label.size(scales) for label in labels])
         blocks = [
             Block(
                 name="gait",

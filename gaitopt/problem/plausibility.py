@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, substitute, vertcat, vertsplit
+from casadi import SX, Function, densify, jacobian, substitute, vertcat, vertsplit
 from pydantic import BaseModel
 
 from gaitopt.arrays import Array
@@ -87,7 +87,7 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
     yield from _control_faults(problem)
     if problem.start is None or not problem.has_gait:  # a simulation may start anywhere
         return
-    foot, upright, _ = _geometry_at_guess(problem)
+    foot, upright, _, _ = _geometry_at_guess(problem)
     apart = problem.walker.leaves_ground() or math.hypot(*foot) > FEET_APART * scales.length
     if not apart:
         yield Fault(STATE, "both feet are at the same place: a step begins with the feet apart")
@@ -279,7 +279,11 @@ def least_friction(problem: ProblemStatement) -> float:
 
 
 def lacks_energy(problem: ProblemStatement) -> bool:
-    """Whether no motor, push-off or downhill slope replaces the energy that impacts and friction dissipate."""
+    """Whether no motor, push-off or downhill slope replaces the energy that impacts and friction dissipate.
+
+    Gravity does work if the walker moves downhill over a cycle: it may walk in the direction in which its centre of
+    mass moves at the guess, and slip in those of its modes.
+    """
     walker = problem.walker
     if (
         walker.may_keep_energy()
@@ -288,10 +292,10 @@ def lacks_energy(problem: ProblemStatement) -> bool:
         or not isinstance(problem.control, NoControl)
     ):
         return False
-    downhill = _geometry_at_guess(problem)[2][0]
+    _, _, (along, _), momentum = _geometry_at_guess(problem)
     modes = () if problem.is_open else (*problem.cycle.phases, *problem.cycle.impacts)
-    slides_back = problem.is_open or any("slip_backward" in mode.contacts.values() for mode in modes)
-    if downhill > 0 or (downhill < 0 and slides_back):
+    directions = (momentum, *(direction for mode in modes for direction in mode.directions.values()))
+    if along and (problem.is_open or any(direction * along > 0 for direction in directions)):
         return False
     system, on_ground = _system(type(walker)), walker.foot_modes()[0]
     push = system.push(on_ground)(np.zeros(system.n_z), [*_values(walker), 0.0])
@@ -395,15 +399,18 @@ def _scalar_range(name: str, problem: ProblemStatement) -> tuple[Within, ...]:
     return _ranges(state_section(type(walker))).get(coordinate, ())
 
 
-def _geometry_at_guess(problem: ProblemStatement) -> tuple[Array, float, Array]:
-    """The swing foot seen from the stance foot [m], the margin of being upright, and gravity along x and y [m/s^2].
+def _geometry_at_guess(problem: ProblemStatement) -> tuple[Array, float, Array, float]:
+    """The swing foot seen from the stance foot [m], the margin of being upright, gravity along x and y [m/s^2], and the
+    momentum along x [kg m/s].
 
-    Without a guess all angles are zero.
+    Without a guess all angles and rates are zero.
     """
-    names = problem.walker.coordinates()[:-1]
-    posture = [0.0 if problem.start is None else problem.start.state[name] for name in names]
-    foot, upright, gravity = buffered(_geometry(type(problem.walker)))(posture, _values(problem.walker))
-    return foot.copy(), float(upright[0]), gravity.copy()
+    names = problem.walker.coordinates()
+    state = dict.fromkeys(problem.walker.state_names(), 0.0) if problem.start is None else problem.start.state
+    posture, rates = [state[name] for name in names[:-1]], [state[f"d{name}"] for name in names]
+    function = buffered(_geometry(type(problem.walker)))
+    foot, upright, gravity, inertia = function(posture, _values(problem.walker))
+    return foot.copy(), float(upright[0]), gravity.copy(), float(inertia @ rates)
 
 
 def _values(walker: Walker) -> list[float]:
@@ -417,13 +424,15 @@ def _system(walker: type[Walker]) -> HybridSystem:
 
 @built_once(maxsize=32)
 def _geometry(walker: type[Walker]) -> Function:
-    """(posture, p) -> swing foot seen from the stance foot, margin of being upright, gravity.
+    """(posture, p) -> swing foot seen from the stance foot, margin of being upright, gravity, momentum along x by rates.
 
     The posture is the shape, followed by the height y if the walker has one.
     """
     (q, p, m), names = symbolic_mechanism(walker), walker.coordinates()[:-1]
     known = dict(zip((*walker.shape, *FOOT_COORDINATES), vertsplit(q), strict=True))
     origin = vertcat(*(known[name] for name in FOOT_COORDINATES if name not in names))
-    expressions = [m.swing_foot, m.upright, m.gravity]
+    moment = sum((body.mass * SX(body.position)[0] for body in m.bodies), SX(0))
+    inertia = jacobian(moment, vertcat(*(known[name] for name in walker.coordinates())))
+    expressions = [m.swing_foot, m.upright, m.gravity, densify(inertia)]
     at_origin = substitute(expressions, [origin], [SX.zeros(origin.numel())])
     return Function("geometry", [vertcat(*(known[name] for name in names)), p], at_origin)

@@ -244,7 +244,7 @@ def test_a_contact_that_is_never_near_the_ground_makes_no_difference(name: str) 
     assert_alike(solved(with_spare(case.walker), case.text), case.gait)
 
 
-@pytest.mark.parametrize("name", ["push-off", "slip, unequal friction"])
+@pytest.mark.parametrize("name", ["push-off", "slip, unequal friction", "rolling feet"])
 def test_a_mirrored_walker_walks_as_its_mirror_image(name: str) -> None:
     case, other = CASES[name], {"forward": "backward", "backward": "forward"}
     text = re.sub("slip_(forward|backward)", lambda word: f"slip_{other[word[1]]}", case.text)
