@@ -223,12 +223,13 @@ def _constraints(gait: Gait, problem: Problem) -> Array:
             rows.append((values.max() - span.minimum) / unit)
     if _in_time(gait.problem):
         assert isinstance(gait.problem.control, OpenLoop)
-        zero.append(sum(step.period for step in gait.steps) - (gait.problem.control.duration or 0.0))
+        mean = sum(step.period for step in gait.steps) / len(gait.steps)
+        zero.append(mean - (gait.problem.control.duration or 0.0))
     return np.array([*rows, *zero], dtype=float)
 
 
 def _in_time(problem: Problem) -> bool:
-    """Whether the period must not change, because it is the sum of open-loop intervals whose times are fixed here."""
+    """Whether the mean duration of a step is fixed, because it is the sum of open-loop intervals at fixed times."""
     law = problem.control
     return isinstance(law, OpenLoop) and (law.intervals > 1 or law.order is Order.LINEAR)
 

@@ -130,6 +130,9 @@ def optimise(
             if close and not converged and result.status is not Status.INTERRUPTED:
                 close = False
                 continue
+            if converged and not collocation.in_order(result.w):  # a switch has passed a breakpoint of the torques
+                begin, places, again, close = _begin(collocation, result.w), (), None, False
+                continue
             more = tuple(collocation.violated(result.w, SAMPLES, VIOLATED_MARGIN, beside=BESIDE)) if converged else ()
             if not more:
                 break
@@ -255,8 +258,8 @@ def _optimum(
         problem=problem.with_torques(known, first, durations),
         collocation=collocation,
         x=x,
-        # duration of the law, from which the gait's period differs by the error of the collocation
-        solver={**solver, "duration": float(sum(durations))},
+        # duration of the law, from which that of the gait's step differs by the error of the collocation
+        solver={**solver, "duration": float(sum(durations)) / len(problem.cycle.steps)},
     )
 
 
@@ -425,8 +428,6 @@ def guessed_states(problem: Problem, dynamics: Dynamics, start: Gait | None) -> 
     cycle, system = problem.cycle, dynamics.system
     if start is not None and start.steps:
         return _Known(start), np.array([duration for _, duration in start.phases])
-    if len(cycle.steps) > 1 or {"flight", "massless feet"} & {*system.walker.features()}:
-        raise ProblemError(f"{problem.name}: open-loop torques are found for walkers without flight, and for one step")
     if problem.guess.first is None and problem.guess.durations is None:
         rolled = guessed_motion(problem, dynamics)
         if rolled.endless is None:

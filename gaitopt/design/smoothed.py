@@ -23,7 +23,6 @@ equations of shooting state for every cycle.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, vertcat
@@ -35,15 +34,13 @@ from gaitopt.design.exact import EXTREMA, RADIUS, SMALL, clearance, freed_sizes
 from gaitopt.design.sensitivity import OF_STEP, OF_WALKER, impact_quantities, invariance, invariance_labels
 from gaitopt.design.spectral_radius import certified_radius, zero_dynamics_radius
 from gaitopt.gait.gait import Cause, Status
-from gaitopt.gait.measures import sharing_contacts
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.model.system import HybridSystem
 from gaitopt.model.units import SI
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, Instant, phase_of, unit_of
 from gaitopt.problem.statement import Range
-from gaitopt.solver.collocation_elements import SMOOTHING
+from gaitopt.solver.collocation_elements import SMOOTHING, GroundContact, ground_contacts
 from gaitopt.solver.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
 from gaitopt.solver.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, IpoptResult
 from gaitopt.solver.newton import Solution
@@ -69,15 +66,6 @@ SMALLEST_MULTIPLIER = 1e-4
 """A bound with a larger multiplier is in the way; the multipliers of the slacks themselves are of the order of one."""
 
 
-class _Contact(NamedTuple):
-    """A contact on the ground, or contacts that share their forces, at the points of an arc; see ``ContactCurves``."""
-
-    direction: int
-    force_t: MX
-    force_n: MX
-    slip: MX
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Samples:
     """Quantities of one arc at its N Lobatto points.
@@ -89,7 +77,7 @@ class _Samples:
     phase: int
     nodes: list[int]
     weights: MX
-    contacts: list[_Contact]
+    contacts: list[GroundContact]
     torque: MX
     power: MX
     height: MX
@@ -226,7 +214,7 @@ class SmoothedScalars:
                     phase=arc.phase,
                     nodes=np.repeat(t.mesh.arc_nodes[i][:-1], n).tolist(),
                     weights=h * MX(DM(np.tile(LOBATTO_WEIGHTS, arc.intervals))).T,
-                    contacts=[*_contacts(system, arc.mode, force, slip)],
+                    contacts=[*ground_contacts(system.walker, arc.mode, force, slip)],
                     torque=torque,
                     power=power,
                     height=foot[1, :],
@@ -234,15 +222,6 @@ class SmoothedScalars:
                 )
             )
         return samples
-
-
-def _contacts(system: HybridSystem, mode: Mode, force: MX, slip: MX) -> Iterator[_Contact]:
-    """The contacts on the ground in a mode, from observed forces and slip velocities with a column per point."""
-    places = {name: k for k, name in enumerate(system.walker.contact_names())}
-    for names in sharing_contacts(system.walker, mode):
-        rows = [places[name] for name in names]
-        force_t, force_n = (sum((force[2 * k + row, :] for k in rows), MX(0)) for row in (0, 1))
-        yield _Contact(mode.directions[names[0]], force_t, force_n, slip[rows[0], :])
 
 
 class SmoothedProblem:

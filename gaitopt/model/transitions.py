@@ -619,6 +619,23 @@ class Transitions:
         names = dict.fromkeys([*forces, *self.ending(cycle, phase).zeros_after])
         return tuple(name for name in names if name in following)
 
+    def is_unloaded(self, cycle: Cycle, phase: int, name: str, *, starts: bool, ends: bool) -> bool:
+        """Whether a margin is a force on a massless leg that lands at the start of a phase or takes off at its end."""
+        if kind(name) not in GROUND_FORCES:
+            return False
+        if starts:
+            return name in self.zeros_after(cycle, (phase - 1) % len(cycle.phases))
+        zeros = {*self.ending(cycle, phase).zeros} if ends else set[str]()
+        return name in zeros and {named(force, name) for force in GROUND_FORCES} <= zeros
+
+    def is_zero_by_event(self, cycle: Cycle, phase: int, name: str, *, starts: bool, ends: bool) -> bool:
+        """Whether an event makes a margin zero at the start or at the end of a phase."""
+        if starts and kind(name) == "slip_velocity":
+            return cycle.onset_order(phase, contact_of(name)) > 0
+        if self.is_unloaded(cycle, phase, name, starts=starts, ends=ends):
+            return True
+        return ends and name in self.ending(cycle, phase).zeros
+
     def held(self, mode: Mode, contact: str) -> tuple[Mode, str]:
         """The mode in which a slipping contact sticks instead, and its margin there that is negative if it must slip.
 

@@ -400,8 +400,7 @@ def _scalar_range(name: str, problem: ProblemStatement) -> tuple[Within, ...]:
 
 
 def _geometry_at_guess(problem: ProblemStatement) -> tuple[Array, float, Array, float]:
-    """The swing foot seen from the stance foot [m], the margin of being upright, gravity along x and y [m/s^2], and the
-    momentum along x [kg m/s].
+    """Swing foot seen from the stance foot [m], margin of being upright, gravity [m/s^2], momentum along x [kg m/s].
 
     Without a guess all angles and rates are zero.
     """
@@ -424,7 +423,7 @@ def _system(walker: type[Walker]) -> HybridSystem:
 
 @built_once(maxsize=32)
 def _geometry(walker: type[Walker]) -> Function:
-    """(posture, p) -> swing foot seen from the stance foot, margin of being upright, gravity, momentum along x by rates.
+    """(posture, p) -> swing foot seen from the stance foot, margin of being upright, gravity, row of the inertia for x.
 
     The posture is the shape, followed by the height y if the walker has one.
     """

@@ -320,12 +320,13 @@ class Problem(ProblemStatement):
         ----------
         values : values of the torques and of the free numbers by dotted key.
         state, durations : state just after the impact and durations of the phases [s], which become the guess.
-        duration : duration of the control law [s]. By default the sum of ``durations``; the period of a gait differs
-            from it by rounding.
+        duration : duration of the control law [s]. By default the mean duration of a step; that of a gait differs from
+            it by rounding.
         """
         law = self.control
         assert isinstance(law, OpenLoop)
-        control = law.fixed(values, float(sum(durations)) if duration is None else duration)
+        mean = float(sum(durations)) / len(self.cycle.steps)
+        control = law.fixed(values, mean if duration is None else duration)
         plain = replace(self, control=control, free={}, objective={}, constraints={}, file=None)
         names = guessed_names(type(self.walker), self.cycle, self.cycle_end)
         changes: dict[str, object] = {f"{GUESSED_STATE}{name}": float(state[name]) for name in names}

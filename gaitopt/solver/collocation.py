@@ -1,14 +1,14 @@
-"""Direct collocation of one step with unknown torques, or of which only the motion is unknown.
+"""Direct collocation of a cycle with unknown torques, or of which only the motion is unknown.
 
 On each interval of length h the states are polynomials through z_0 and z_1 .. z_d at the Radau points c_j, with
 
     sum_k C_kj z_k = h f(t_j, z_j, u_j, p),      t_j = t_0 + c_j h,      j = 1 .. d;      z_d starts the next interval
 
 Unknowns are the states at all points, durations of the phases, torque values of an ``open_loop`` law, freed parameters,
-and every integral, extremum and length that objective and constraints name. The intervals of the law divide the period,
-so that all times are affine in the durations. If multipliers are needed, the duration T of the law is an unknown of its
-own, and a row says that it is the period. The other equations are then, at fixed T, those under a law that is fixed in
-time.
+and every integral, extremum and length that objective and constraints name. The intervals of the law divide the mean
+duration of a step, so that all times are affine in the durations. If multipliers are needed, the duration T of the law
+is an unknown of its own, and a row says that it is that mean. The other equations are then, at fixed T, those under a
+law that is fixed in time.
 
 Margins of the modes and path constraints hold at all points, and ``Collocation.violated`` finds places between them
 where they do not: an exchange method of semi-infinite programs (Hettich & Kortanek 1993).
@@ -37,12 +37,13 @@ from gaitopt.model.buffered import buffered_map
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
+from gaitopt.model.section import CLOCK
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import margin
 from gaitopt.model.units import SI
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS, state_unit, unit_of
-from gaitopt.solver.collocation_elements import POWER, Goals
+from gaitopt.solver.collocation_elements import POWER, SLIP, Goals
 from gaitopt.solver.collocation_mesh import DEGREE, INTERVALS, Places, Point, basis, mesh_at
 from gaitopt.solver.collocation_rows import DURATION, EVENT, ROOM, Structure, transcription
 from gaitopt.solver.diagnosis import vanishing_phase
@@ -78,14 +79,14 @@ SHORTEST_PHASE = 1e-3
 """Shortest phase as a part of the period of the guess."""
 LONGEST_PERIOD = 5.0
 """Longest period relative to that of the guess."""
-STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", "unused", EVENT, DURATION, POWER)
+STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", EVENT, DURATION, POWER)
 """Rows that define a motion rather than limit it."""
 MOTION = ("defect", "interpolation", "reset")
 """Those structural rows that compare states, all coordinates in turn."""
-RATES = {"power": "work", "absolute_power": "work", "squared_torque": "torque_squared"}
+RATES = {"power": "work", "absolute_power": "work", "squared_torque": "torque_squared", SLIP: "slip_distance"}
 """For the rate of every integral, a scalar with the unit of the integral."""
-LENGTHS = ("m", "m", "J")
-"""Units of distance, slip, and the work of the push."""
+LENGTHS = ("m", "J")
+"""Units of distance, and of the work of the push."""
 SAMPLES = 12
 """Number of points per interval at which margins are examined between the collocation points."""
 
@@ -98,7 +99,7 @@ class Collocation:
 
     Parameters
     ----------
-    problem : the problem, with its goals and bounds; its mode sequence is that of one step.
+    problem : the problem, with its goals and bounds.
     system : the system of its walker and law.
     durations : durations of the phases, which determine the order of switches and breakpoints, shape (n_phases,).
     free : bounds of the freed parameters by dotted key.
@@ -216,7 +217,7 @@ class Collocation:
         labels += [Label(name=DURATION, unit="s")] * len(self.columns("law_duration"))
         units = {name: unit_of(name, self.system) or SI["one"] for name in (*self.free, *self.goals.extrema)}
         units |= {rate: unit_of(RATES[rate], self.system) for rate in self.goals.rates}
-        units |= dict(zip(("distance", "slip", "push_work"), LENGTHS, strict=True))
+        units |= dict(zip(("distance", "push_work"), LENGTHS, strict=True))
         labels += [Label(name=name, unit=unit) for name, unit in units.items()]
         points = [pt for pt in self.points.all if pt.dynamic] if self._shared.n_powers else []
         for pt in points:
@@ -251,7 +252,9 @@ class Collocation:
                 unit = "rad"
             elif name.startswith("control."):
                 unit = unit_of(name, self.system)
-            elif label.mode is not None and name not in SCALARS and name != "unused":
+            elif name == CLOCK:
+                unit = "s"
+            elif label.mode is not None and name not in SCALARS:
                 unit = SI[margin(name).unit]
             else:
                 unit = unit_of(name, self.system) or SI["one"]
@@ -299,6 +302,10 @@ class Collocation:
         phase = int(np.argmin(durations))
         return vanishing_phase(self.cycle, phase, durations[phase]) if durations[phase] < 1.01 * shortest else None
 
+    def in_order(self, x: Array) -> bool:
+        """Whether no interval has a negative length: phases and intervals of the law still end in the same order."""
+        return bool((self.points.lengths(self.unpack(x)["durations"]) >= 0).all())
+
     def point_times(self, durations: Array) -> Array:
         """Times of all states [s]."""
         return self.points.times(durations)
@@ -309,7 +316,7 @@ class Collocation:
         x[self.slices["states"]] = states.ravel()
         x[self.slices["values"]] = values
         x[self.slices["durations"]] = durations
-        x[self.slices["law_duration"]] = durations.sum()
+        x[self.slices["law_duration"]] = durations.sum() / len(self.cycle.steps)
         x[self.slices["freed"]] = freed
         x[self.slices["extrema"]] = 1.0
         return x
@@ -433,15 +440,16 @@ class Collocation:
         fractions = (np.arange(samples * self.mesh.degree) + 0.5) / (samples * self.mesh.degree)
         between, intervals = basis(self.mesh.degree, fractions), self.mesh.intervals
         slack = np.full((len(intervals), fractions.size), np.inf)
-        for mode in dict.fromkeys(self.cycle.phases):
-            mine = [k for k, interval in enumerate(intervals) if self.cycle.phases[interval.phase] is mode]
+        variants = self._shared.variants
+        for variant in dict.fromkeys(variants):
+            mine = [k for k, interval in enumerate(intervals) if variants[interval.phase] == variant]
             y = np.vstack([self._between(x, k, between) for k in mine])
             places = [Point(interval=k, fraction=f, state=-1, dynamic=False) for k in mine for f in fractions.tolist()]
             c = self._shared.constants(places, np.zeros(len(places)))
-            rows = buffered_map(self._shared.point_function(mode, dynamic=False), len(y))(y, c, self.dynamics.p)[1]
+            rows = buffered_map(self._shared.point_function(variant, dynamic=False), len(y))(y, c, self.dynamics.p)[1]
             slack[mine] = np.array(
                 [
-                    self._slack(mode, k, each.T)
+                    self._slack(variant[0], k, each.T)
                     for k, each in zip(mine, np.split(np.asarray(rows), len(mine)), strict=True)
                 ]
             )

@@ -1,7 +1,7 @@
 """Mesh of a direct collocation: intervals in order, the points of each, and the numbers of their states.
 
-Phases and intervals of the control divide a step. All times are affine in the durations d of the phases and the
-duration T of the law:
+Phases and intervals of the control divide each step. All times since the last impact are affine in the durations d of
+the phases and the duration T of the law, which is the mean duration of a step:
 
     t_start, t_end = coefficients . (1, d, T)            t_j = t_start + c_j (t_end - t_start)
 
@@ -61,11 +61,11 @@ class Point:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CollocationMesh:
-    """What determines the points of a step: equal meshes have equal programs.
+    """What determines the points of a cycle: equal meshes have equal programs.
 
     Attributes
     ----------
-    cycle : the phases of one step.
+    cycle : the phases of all steps.
     intervals : intervals in their order.
     degree : number of Radau points of an interval.
     jumps : whether torques may jump where the interval of the law changes.
@@ -82,42 +82,43 @@ class CollocationMesh:
 def mesh_at(
     cycle: Cycle, control: Control, durations: Array, *, degree: int, count: int, timed: bool, places: Places
 ) -> CollocationMesh:
-    """The mesh with at least ``count`` intervals; switches and breakpoints have the order of the given durations.
+    """The mesh with at least ``count`` intervals per step; switches and breakpoints are in the order of the durations.
 
     Parameters
     ----------
-    timed : whether the duration of the law is an unknown of its own; otherwise it is the period.
+    timed : whether the duration of the law is an unknown of its own; otherwise it is the mean duration of a step.
     """
-    m, period = len(cycle.phases), float(durations.sum())
-    axes = np.hstack([np.zeros((m, 1)), np.tril(np.ones((m, m))), np.zeros((m, 1))])  # ends of the phases
-    if isinstance(control, OpenLoop):
-        n = control.intervals
-        whole = np.array([0.0] * (m + 1) + [1.0] if timed else [0.0] + [1.0] * m + [0.0])
-        grid = [whole * k / n for k in range(1, n)]
-    else:
-        grid = [np.append(b, np.zeros(m + 1)) for b in control.breakpoints if b < period]
-    marks: list[tuple[Array, int | None, int | None]] = [(np.zeros(m + 2), 0, 0)]
-    marks += [(row, phase + 1, None) for phase, row in enumerate(axes)]
-    marks += [(row, None, k + 1) for k, row in enumerate(grid)]
-    at = affine(durations)
-    marks.sort(key=lambda mark: float(mark[0] @ at))
-    finer = int(np.ceil(count / max(1, len(marks) - 1)))
-    intervals, phase, segment = list[Interval](), 0, 0
-    for (start, new_phase, new_segment), (end, _, _) in pairwise(marks):
-        phase = phase if new_phase is None else new_phase
-        segment = segment if new_segment is None else new_segment
-        if phase >= m or float((end - start) @ at) <= 0:
-            continue
-        for k in range(finer):
-            begin, finish = (tuple((start + (end - start) * (k + j) / finer).tolist()) for j in (0, 1))
-            intervals.append(Interval(phase=phase, segment=segment, start=begin, end=finish))
+    m, at = len(cycle.phases), affine(durations, len(cycle.steps))
+    mean = np.array([0.0] * (m + 1) + [1.0] if timed else [0.0] + [1.0 / len(cycle.steps)] * m + [0.0])
+    intervals = list[Interval]()
+    for first, last in pairwise([*cycle.first_phases, m]):
+        ends = np.zeros((last - first, m + 2))  # of the phases
+        ends[:, 1 + first : 1 + last] = np.tril(np.ones((last - first, last - first)))
+        if isinstance(control, OpenLoop):
+            grid = [mean * k / control.intervals for k in range(1, control.intervals)]
+        else:
+            period = float(durations[first:last].sum())
+            grid = [np.append(b, np.zeros(m + 1)) for b in control.breakpoints if b < period]
+        marks: list[tuple[Array, int | None, int | None]] = [(np.zeros(m + 2), first, 0)]
+        marks += [(row, phase + 1, None) for phase, row in enumerate(ends, start=first)]
+        marks += [(row, None, k + 1) for k, row in enumerate(grid)]
+        marks.sort(key=lambda mark: float(mark[0] @ at))
+        finer, phase, segment = int(np.ceil(count / max(1, len(marks) - 1))), first, 0
+        for (start, new_phase, new_segment), (end, _, _) in pairwise(marks):
+            phase = phase if new_phase is None else new_phase
+            segment = segment if new_segment is None else new_segment
+            if phase >= last or float((end - start) @ at) <= 0:
+                continue
+            for k in range(finer):
+                begin, finish = (tuple((start + (end - start) * (k + j) / finer).tolist()) for j in (0, 1))
+                intervals.append(Interval(phase=phase, segment=segment, start=begin, end=finish))
     jumps = not isinstance(control, OpenLoop) or control.order is Order.CONSTANT
     return CollocationMesh(cycle=cycle, intervals=tuple(intervals), degree=degree, jumps=jumps, places=places)
 
 
-def affine(durations: Array) -> Array:
-    """The vector (1, durations, T) in which times are linear; T is the sum of the durations; shape (n_phases + 2,)."""
-    return np.concatenate([[1.0], durations, [durations.sum()]])
+def affine(durations: Array, steps: int) -> Array:
+    """The vector (1, durations, T) in which times are linear; T is the mean duration of a step; (n_phases + 2,)."""
+    return np.concatenate([[1.0], durations, [durations.sum() / steps]])
 
 
 def basis(degree: int, fractions: Array) -> Array:
@@ -162,9 +163,13 @@ class Points(ReadOnlyArrays):
         """Indices of the states of an interval: at its start and at its collocation points."""
         return [self.first[k], *range(self.inner[k], self.inner[k] + self.mesh.degree)]
 
+    def lengths(self, durations: Array) -> Array:
+        """Lengths of the intervals [s], shape (n_intervals,)."""
+        return (self._ends - self._starts) @ affine(durations, len(self.mesh.cycle.steps))
+
     def times(self, durations: Array) -> Array:
-        """Times of all states [s]."""
-        at, times = affine(durations), np.empty(self.n_states)
+        """Times of all states since the last impact [s]."""
+        at, times = affine(durations, len(self.mesh.cycle.steps)), np.empty(self.n_states)
         starts, ends = self._starts @ at, self._ends @ at
         times[[*self.first]] = starts
         interval = [pt.interval for pt in self.all]
@@ -174,7 +179,7 @@ class Points(ReadOnlyArrays):
 
     def interpolated(self, states: Array, durations: Array, phase: int, times: Array) -> Array:
         """States of the polynomials through ``states`` in a phase, at times since the impact, shape (n, n_z)."""
-        at = affine(durations)
+        at = affine(durations, len(self.mesh.cycle.steps))
         mine = np.flatnonzero([interval.phase == phase for interval in self.mesh.intervals])
         starts, ends = self._starts[mine] @ at, self._ends[mine] @ at
         found = np.maximum(np.searchsorted(starts, times, side="right") - 1, 0)
@@ -185,7 +190,7 @@ class Points(ReadOnlyArrays):
 
 def points_of(mesh: CollocationMesh) -> Points:
     """The points of a mesh."""
-    resets = {phase for phase, _ in mesh.cycle.resets}
+    resets = {phase for phase in range(len(mesh.cycle.phases)) if mesh.cycle.reset_after(phase) is not None}
     tau = np.append(0.0, collocation_points(mesh.degree, "radau"))
     C, _, B = collocation_coeff(list(tau[1:]))
     states, points, first, inner = 0, list[Point](), list[int](), list[int]()

@@ -21,6 +21,7 @@ from gaitopt.building import BUILT, built_once
 from gaitopt.model.buffered import BufferedFunction
 from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop, Order
+from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import margin, margin_unit
 from gaitopt.model.units import Scales
@@ -38,6 +39,7 @@ from gaitopt.solver.collocation_mesh import CollocationMesh, Point, basis, point
 from gaitopt.solver.elements import Elements, assembled
 from gaitopt.solver.ipopt import Ipopt, Program
 from gaitopt.solver.shooting import Label
+from gaitopt.threads import cached_property
 
 ROOM = 1e-7
 """Smallest value of margins in natural units: larger than the error of the collocation, smaller than anything that is
@@ -129,7 +131,7 @@ class Transcription:
             "freed": len(structure.free),
             "extrema": len(self._goals.extrema),
             "integrals": len(self._goals.rates),
-            "lengths": 3,  # distance, slip, work of the push
+            "lengths": 2,  # distance, work of the push
             "powers": self.n_powers * sum(pt.dynamic for pt in self.points.all),
         }
         ends = np.cumsum([0, *sizes.values()])
@@ -179,17 +181,42 @@ class Transcription:
         """Constants of points that have these weights in integrals; one row for each point."""
         intervals = [self._mesh.intervals[pt.interval] for pt in points]
         starts, ends = (np.array([getattr(each, name) for each in intervals]) for name in ("start", "end"))
+        step_ends = np.array([self._step_ends[each.phase] for each in intervals])
         fractions, lengths = np.array([[pt.fraction] for pt in points]), ends - starts
         segments = np.array([[each.segment] for each in intervals])
         arch = np.full(segments.shape, self._goals.arch)
         data = [np.zeros(0) if self._law else self._system.data(each.segment) for each in intervals]
-        return np.hstack([starts + fractions * lengths, lengths, segments, weights[:, None], arch, np.array(data)])
+        times = starts + fractions * lengths
+        return np.hstack([times, lengths, step_ends, segments, weights[:, None], arch, np.array(data)])
 
-    def point_function(self, mode: Mode, *, dynamic: bool) -> Function:
-        """The function of the points of a mode."""
-        structure, system = self.structure, self._system.shared
-        phases = len(self._mesh.cycle.phases)
-        return point_function(PointKey(system, mode, phases, structure.free, self._goals, dynamic, structure.timed))
+    @cached_property
+    def _step_ends(self) -> Array:
+        """For every phase the end of its step, affine in the durations and T; shape (n_phases, n_phases + 2)."""
+        steps = [*map(self._mesh.cycle.step_of, range(len(self._mesh.cycle.phases)))]
+        return np.array([[0.0, *(float(other == step) for other in steps), 0.0] for step in steps])
+
+    @cached_property
+    def variants(self) -> tuple[tuple[Mode, int], ...]:
+        """For every phase its mode, and the entry of ``HybridSystem.step_parameters`` of its step."""
+        cycle, legs = self._mesh.cycle, self._system.walker.steps_per_cycle()
+        return tuple((mode, cycle.step_of(phase) % legs) for phase, mode in enumerate(cycle.phases))
+
+    def point_function(self, variant: tuple[Mode, int], *, dynamic: bool) -> Function:
+        """The function of the points of one of the ``variants``."""
+        structure, cycle = self.structure, self._mesh.cycle
+        return point_function(
+            PointKey(
+                system=self._system.shared,
+                mode=variant[0],
+                leg=variant[1],
+                n_phases=len(cycle.phases),
+                n_steps=len(cycle.steps),
+                free=structure.free,
+                goals=self._goals,
+                dynamic=dynamic,
+                timed=structure.timed,
+            )
+        )
 
     def solver(self, program: Program, options: dict[str, Any]) -> Ipopt:
         """IPOPT for a program of this structure, built once for the options."""
@@ -202,15 +229,9 @@ class Transcription:
         """Bounds of a margin at a point."""
         cycle, phase, table = self._mesh.cycle, self._mesh.intervals[pt.interval].phase, self._system.transitions
         starts, ends = self._ends(pt)
-        if ends:
-            ending = table.ending(cycle, phase)
-            if name == ending.guard:
-                return 0.0, 0.0
-            if name in ending.zeros:
-                return -np.inf, np.inf
-        if margin(name).rises:
-            return -np.inf, np.inf
-        if starts and name == "slip_velocity" and cycle.onset_order(phase) > 0:
+        if ends and name == table.ending(cycle, phase).guard:
+            return 0.0, 0.0
+        if margin(name).rises or table.is_zero_by_event(cycle, phase, name, starts=starts, ends=ends):
             return -np.inf, np.inf
         return ROOM * margin_unit(name, self.structure.scales), np.inf
 
@@ -221,17 +242,20 @@ class Transcription:
         goals, cycle = self._goals, self._mesh.cycle
         integrals = rows.new(len(goals.rates), "integral")
         rows.linear(integrals, self.columns("integrals"), 1.0)
-        lengths = rows.new(3, "lengths")
+        lengths = rows.new(2, "lengths")
         rows.linear(lengths, self.columns("lengths"), 1.0)
-        modes = tuple(dict.fromkeys(cycle.phases))
-        elements = [self._points_of(rows, integrals, mode, dynamic) for mode in modes for dynamic in (True, False)]
-        elements += [self._impact_element(rows, lengths, phase, impact) for phase, impact in cycle.resets]
+        kinds = tuple(dict.fromkeys(self.variants))
+        elements = [self._points_of(rows, integrals, kind, dynamic) for kind in kinds for dynamic in (True, False)]
+        resets = ((phase, cycle.reset_after(phase)) for phase in range(len(cycle.phases)))
+        elements += [self._impact_element(rows, lengths, phase, after) for phase, after in resets if after is not None]
         elements.append(self._scalar_element(rows))
-        n, x = self._system.n_z, self._system.n_shape
-        for phase, mode in enumerate(cycle.phases):
-            if mode.slips:  # path of the sliding foot
-                for state, sign in ((self.points.phase_ends[phase], -1.0), (self.points.phase_starts[phase], 1.0)):
-                    rows.linear(lengths[1], n * state + x, sign * mode.direction)
+        for phase in range(len(cycle.phases)):
+            if self._system.transitions.ending(cycle, phase).guard == CLOCK:
+                rows.at = Label(name="", mode=cycle.phases[phase], phase=phase, node=self.points.phase_ends[phase])
+                clock = self._system.control.period
+                assert clock is not None  # the reader of problems requires it
+                rows.linear(rows.new(1, EVENT, clock, clock)[0], self.columns("durations"), 1.0)
+                rows.at = Label(name="")
         for name in goals.constrained:
             own = self.column_of(name)
             if own is not None:
@@ -239,15 +263,17 @@ class Transcription:
         if self.structure.timed:
             period = rows.new(1, DURATION)
             rows.linear(period, self.columns("durations"), 1.0)
-            rows.linear(period, self.columns("law_duration"), -1.0)
+            rows.linear(period, self.columns("law_duration"), -float(len(cycle.steps)))
         self._rate_rows(rows)
         return [each for each in elements if each is not None]
 
-    def _points_of(self, rows: _Rows, integrals: list[int], mode: Mode, dynamic: bool) -> Elements | None:
-        """The elements of those points of a mode that are collocation points (``dynamic``), or of its other points."""
-        mesh, phases, n = self._mesh, self._mesh.cycle.phases, self._system.n_z
+    def _points_of(
+        self, rows: _Rows, integrals: list[int], variant: tuple[Mode, int], dynamic: bool
+    ) -> Elements | None:
+        """The elements of the points of one of the ``variants``: its collocation points, or its other points."""
+        mesh, (mode, _), n = self._mesh, variant, self._system.n_z
         mine = [pt for pt in self.points.all if pt.dynamic is dynamic]
-        mine = [pt for pt in mine if phases[mesh.intervals[pt.interval].phase] is mode]
+        mine = [pt for pt in mine if self.variants[mesh.intervals[pt.interval].phase] == variant]
         if not mine:
             return None
         n_powers, tail, limits = self.n_powers if dynamic else 0, self.tail, dict[tuple[int, bool, bool], _Limits]()
@@ -287,7 +313,7 @@ class Transcription:
             between = basis(mesh.degree, np.array([pt.fraction for pt in interpolated]))
             self._combined(rows, defining, states, np.hstack([np.ones((len(states), 1)), -between]))
         return Elements(
-            function=self.point_function(mode, dynamic=dynamic),
+            function=self.point_function(variant, dynamic=dynamic),
             columns=np.array(columns),
             rows=np.array(places),
             constants=self.constants(mine, weights),
@@ -299,10 +325,11 @@ class Transcription:
             low, high = self.margin_bounds(name, pt)
             yield 1, EVENT if low == high else name, low, high
         for name in self._goals.paths:
-            at_end = pt.state in (self.points.phase_starts[0], self.points.phase_ends[len(self._mesh.cycle.phases) - 1])
+            phase, (starts, ends) = self._mesh.intervals[pt.interval].phase, self._ends(pt)
+            first, last = phase in self._mesh.cycle.first_phases, self._mesh.cycle.after(phase) is None
+            at_end = (starts and first) or (ends and last)
             yield 1, name, 0.0 if name == CLEARANCE and not at_end else -np.inf, np.inf
-        for name in self._goals.of_points(mode):
-            each = len(self._system.walker.actuators) if name == "peak_torque" else 1
+        for name, each in self._goals.of_points(self._system.walker, mode):
             yield each * len(SCALARS[name].signs), name, 0.0, np.inf
 
     def _ends(self, pt: Point) -> tuple[bool, bool]:
@@ -319,15 +346,16 @@ class Transcription:
 
     def _impact_element(self, rows: _Rows, lengths: list[int], phase: int, impact: Mode) -> Elements:
         """An impact: the state after it, the lengths of the step, and its margins."""
-        system, ratio, n = self._system, IMPULSE in self._goals.extrema, self._system.n_z
-        after = (phase + 1) % len(self._mesh.cycle.phases)
+        system, cycle, n = self._system, self._mesh.cycle, self._system.n_z
+        ends_step, after = cycle.after(phase) is None, (phase + 1) % len(cycle.phases)
+        ratio = IMPULSE in self._goals.extrema and ends_step and system.cycle_end == TOUCHDOWN
         start, end = self.points.phase_starts[after], self.points.phase_ends[phase]
         rows.at = Label(name="", mode=impact, phase=after, node=start)
         own = rows.new(n, "reset")
         self._combined(rows, [own], [[start]], np.ones((1, 1)))
         rows.at = Label(name="", mode=impact)
-        own += rows.new(2, "unused", -np.inf, np.inf) if impact.locked else [lengths[0], lengths[2]]
-        struck, before = system.transitions.struck(self._mesh.cycle, phase), self._mesh.cycle.phases[phase]
+        own += lengths
+        struck, before = system.transitions.struck(cycle, phase), cycle.phases[phase]
         assert struck is not None
         for name in system.transitions.impact_margin_names(struck, before):
             own += rows.new(1, name, 0.0, np.inf)
@@ -336,8 +364,8 @@ class Transcription:
             own += rows.new(2, IMPULSE, 0.0, np.inf)
             columns.append(self.slices["extrema"].start + self._goals.extrema.index(IMPULSE))
         rows.at = Label(name="")
-        ends_step = self._mesh.cycle.after(phase) is None
-        function = impact_function(system.shared, (struck, before), ends_step, self.structure.free, ratio)
+        leg = self.variants[phase][1]
+        function = impact_function(system.shared, (struck, before), ends_step, leg, self.structure.free, ratio)
         return Elements(
             function=function, columns=np.array([columns]), rows=np.array([own]), constants=np.zeros((1, 0))
         )
@@ -368,7 +396,7 @@ class Transcription:
                 first = self.slices["values"].start + [*law.values].index(name) * law.count + k
                 for row, sign in zip(rows.new(2, f"control.rates.{name}", 0.0, np.inf), (1.0, -1.0), strict=True):
                     rows.linear(row, [first, first + 1], [sign, -sign])
-                    rows.linear(row, self.columns("durations"), rate / law.intervals)
+                    rows.linear(row, self.columns("durations"), rate / law.intervals / len(self._mesh.cycle.steps))
 
 
 @built_once(maxsize=16)

@@ -45,7 +45,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import GROUND_FORCES, contact_of, is_held, kind, margin, margin_unit, named
+from gaitopt.model.transitions import contact_of, is_held, kind, margin, margin_unit, named
 from gaitopt.model.units import SI, Scales
 from gaitopt.problem.scalars import unit_of
 from gaitopt.solver.interval import differentiated_steps, shooting_step, stage_derivatives, stages_of
@@ -411,27 +411,18 @@ class MultipleShooting:
     def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
         """Whether an event makes a margin zero at node ``k`` of an arc."""
         arc, cycle = self.mesh.arcs[index], self.mesh.cycle
-        if k == 0 and arc.start is None and kind(name) == "slip_velocity":
-            return cycle.onset_order(arc.phase, contact_of(name)) > 0
-        if self._is_unloaded(index, k, name):
-            return True
-        after = cycle.after(arc.phase)
-        ends = k == arc.intervals and arc.end is None and after is not None
-        return ends and name in self.system.transitions.ending(cycle, arc.phase).zeros
+        return self.system.transitions.is_zero_by_event(cycle, arc.phase, name, **self._ends(index, k))
 
     def _is_unloaded(self, index: int, k: int, name: str) -> bool:
         """Whether a margin is a force on a massless leg, and node ``k`` of an arc its landing or its take-off."""
-        if kind(name) not in GROUND_FORCES:
-            return False
-        arc, cycle, table = self.mesh.arcs[index], self.mesh.cycle, self.system.transitions
-        after = cycle.after(arc.phase)
-        if k == 0 and arc.start is None:
-            return name in table.zeros_after(cycle, (arc.phase - 1) % len(cycle.phases))
-        ends = k == arc.intervals and arc.end is None and after is not None
-        if not ends:
-            return False
-        zeros = table.ending(cycle, arc.phase).zeros
-        return name in zeros and {named(force, name) for force in GROUND_FORCES} <= {*zeros}
+        arc, cycle = self.mesh.arcs[index], self.mesh.cycle
+        return self.system.transitions.is_unloaded(cycle, arc.phase, name, **self._ends(index, k))
+
+    def _ends(self, index: int, k: int) -> dict[str, bool]:
+        """Whether node ``k`` of an arc is the start of its phase, and whether it is the end of one within a step."""
+        arc = self.mesh.arcs[index]
+        within = self.mesh.cycle.after(arc.phase) is not None
+        return {"starts": k == 0 and arc.start is None, "ends": within and k == arc.intervals and arc.end is None}
 
     # ---- equalities, margins and states as numbers
 

@@ -95,9 +95,10 @@ def test_a_design_at_the_edge_of_a_sticking_impact_slips_in_the_simulator_too():
     gait = solve(load_problem("compass-pd-slippery").replace({"impact_law": "frictionless"}))
     assert gait.converged and verify(gait).passed
     assert gait.measures["impulse_ratio"] == pytest.approx(gait.dynamics.static_friction, rel=1e-8)
-    assert gait.measures["impulse_ratio"] > gait.dynamics.static_friction  # with less an impact sticks, which takes precedence
+    assert (
+        gait.measures["impulse_ratio"] > gait.dynamics.static_friction
+    )  # with less an impact sticks, which takes precedence
     assert "an impact that sticks, which takes precedence" in gait.message
-
 
 
 @pytest.mark.parametrize("speed", [0.45, 0.46])
