@@ -18,7 +18,6 @@ from casadi import Function
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.stability import RADIUS, bound_radius, largest_modulus
-from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Cause, Gait, Status, best_point
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.open_loop import OpenLoop
@@ -102,11 +101,6 @@ def optimise(
     system : system of the problem, whose law has no duration.
     start : a gait at which the search starts instead of the guess.
     intervals : smallest number of intervals of the collocation.
-
-    Raises
-    ------
-    ProblemError
-        If the program cannot state the problem.
     """
     law = problem.control
     assert isinstance(law, OpenLoop)
@@ -127,11 +121,11 @@ def optimise(
             )
             iterations += result.iterations
             converged = result.status is Status.CONVERGED
-            if close and not converged and result.status is not Status.INTERRUPTED:
-                close = False
-                continue
-            if converged and not collocation.in_order(result.w):  # a switch has passed a breakpoint of the torques
-                begin, places, again, close = _begin(collocation, result.w), (), None, False
+            lost = close and not converged and result.status is not Status.INTERRUPTED
+            passed = converged and not collocation.in_order(result.w)  # a switch a breakpoint of the torques
+            if lost or passed:
+                begin, places = (_begin(collocation, result.w), Places()) if passed else (begin, places)
+                again, close = None, False
                 continue
             more = tuple(collocation.violated(result.w, SAMPLES, VIOLATED_MARGIN, beside=BESIDE)) if converged else ()
             if not more:
@@ -410,7 +404,8 @@ class _Known:
     gait: Gait
 
     def __call__(self, phase: int, times: Array) -> Array:
-        arcs, states = self.gait.arcs, np.empty((times.size, self.gait.system.n_z))
+        arcs = [arc for arc, of_phase in self.gait.arcs_by_phase if of_phase == phase]
+        states = np.empty((times.size, self.gait.system.n_z))
         of_arc = np.minimum(np.searchsorted([arc.end for arc in arcs], times), len(arcs) - 1)
         for k in np.unique(of_arc).tolist():
             arc, mine = arcs[k], of_arc == k
@@ -425,7 +420,6 @@ def guessed_states(problem: Problem, dynamics: Dynamics, start: Gait | None) -> 
     with the guessed torques; or a straight one, from the guessed posture just after the impact to the posture that the
     impact maps to it.
     """
-    cycle, system = problem.cycle, dynamics.system
     if start is not None and start.steps:
         return _Known(start), np.array([duration for _, duration in start.phases])
     if problem.guess.first is None and problem.guess.durations is None:

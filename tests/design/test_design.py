@@ -93,11 +93,10 @@ def test_margins_hold_between_the_nodes():
 @pytest.mark.slow
 def test_a_design_at_the_edge_of_a_sticking_impact_slips_in_the_simulator_too():
     gait = solve(load_problem("compass-pd-slippery").replace({"impact_law": "frictionless"}))
-    assert gait.converged and verify(gait).passed
-    assert gait.measures["impulse_ratio"] == pytest.approx(gait.dynamics.static_friction, rel=1e-8)
-    assert (
-        gait.measures["impulse_ratio"] > gait.dynamics.static_friction
-    )  # with less an impact sticks, which takes precedence
+    assert gait.converged
+    assert verify(gait).passed
+    ratio, friction = gait.measures["impulse_ratio"], gait.dynamics.static_friction
+    assert friction < ratio < friction * (1 + 1e-8)  # with less an impact sticks, which takes precedence
     assert "an impact that sticks, which takes precedence" in gait.message
 
 
