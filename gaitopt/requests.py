@@ -455,6 +455,10 @@ class AtlasRequest(Request):
         int, About("How many times the distance of branches that differ is halved.", least=0, most=20)
     ] = 1
     max_points: Annotated[int, About("Maximum number of points of a branch on each side of its start.", least=10)] = 400
+    steps: Annotated[
+        int | None,
+        About("Largest number of steps of a cycle, for doubled gaits. Default: that of PROBLEM.", least=1),
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,11 +20,12 @@ from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait, require_gait
 from gaitopt.gait.trajectory import Trajectory
+from gaitopt.runs.atlas import Atlas
 from gaitopt.runs.branch import stored_branch
-from gaitopt.runs.results import kind_of, restore_walk
+from gaitopt.runs.results import KINDS, kind_of
 from gaitopt.show.catalogue import PAGE, Figures, figures_of
 from gaitopt.show.movie import MOVIES
-from gaitopt.show.pages import branch_report, comparison_report, walk_report
+from gaitopt.show.pages import atlas_report, branch_report, comparison_report, walk_report
 from gaitopt.show.style import STILL, drawing_into, encoded
 from gaitopt.show.style import save as save_figure
 from gaitopt.show.tables import printed
@@ -177,7 +178,7 @@ def animate(result: Gait | Walk) -> Page:
 
 
 def report(*results: Any, replays: Sequence[Any] = ()) -> Page:
-    """Report on a gait, a walk or a branch, or on several gaits side by side, as one offline page.
+    """Report on a gait, a walk, a branch or an atlas, or on several gaits side by side, as one offline page.
 
     Parameters
     ----------
@@ -190,20 +191,21 @@ def report(*results: Any, replays: Sequence[Any] = ()) -> Page:
             raise ValueError("a branch without points has no report")
         problem = first.points[0].gait.problem
         return Page(f"report of {problem.name}", branch_report(problem, first.parameter, first.to_records()))
-    if isinstance(first, Walk):
-        return Page(f"report of {first.problem.name}", walk_report(first))
+    if isinstance(first, Walk | Atlas):
+        page = walk_report(first) if isinstance(first, Walk) else atlas_report(first)
+        return Page(f"report of {first.problem.name}", page)
     gaits = list(results) if isinstance(first, Gait) else list(first)
     records = [replay if isinstance(replay, Mapping) else replay.to_record() for replay in replays]
     return Page(f"report of {gaits[0].problem.name}", comparison_report(gaits, records))
 
 
 def page_in(folder: Path) -> Page | None:
-    """The page about the branch or walk in a run folder; None if the folder contains another result."""
+    """The page about the branch, walk or atlas in a folder; None if the folder contains another result."""
     kind = kind_of(folder)
     if kind == "branch":
         problem, parameter, records = stored_branch(folder)
         return Page(f"report of {problem.name}", branch_report(problem, parameter, records))
-    return report(restore_walk(folder)) if kind == "walk" else None
+    return report(KINDS[kind][1](folder)) if kind in ("walk", "atlas") else None
 
 
 def html(result: Any) -> str:

@@ -1189,6 +1189,7 @@ def atlas(
     slices: int = 9,
     refinements: int = 1,
     max_points: int = 400,
+    steps: int | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
     output: str | Path | None = None,
@@ -1207,9 +1208,11 @@ def atlas(
     over : lower and upper end by dotted key, of two parameters; the branches are in the first one. An end may be a text
         such as ``"2 deg"``.
     slices : number of branches to begin with.
-    refinements : how many times the distance of two branches is halved if more than one event lies between them, or if
-        no trace locates where curves meet.
+    refinements : how many times the distance of two branches is halved if the traced curves do not explain how they
+        differ.
     max_points : maximum number of points of a branch, on each side of its start.
+    steps : largest number of steps of a cycle, by default that of the problem. With twice as many, the families of
+        doubled gaits that begin at period doublings are followed too, on sheets of their own.
     workers, scheduler, output, progress, should_stop : as for ``sweep``.
 
     Returns
@@ -1235,7 +1238,7 @@ def atlas(
         raise ArgumentError("over", str(error)) from error
     plan = AtlasPlan(
         problem=loaded, axes=(first, second), slices=slices, refinements=refinements, max_points=max_points,
-        folder=Run.of(loaded, output).folder,
+        steps=steps, folder=Run.of(loaded, output).folder,
     )  # fmt: skip
     with shown(progress, job_progress, "branches and curves") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)

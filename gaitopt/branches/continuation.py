@@ -42,8 +42,6 @@ from gaitopt.verification.verify import confirm
 
 FIRST_LENGTH = 0.005
 """Arclength of the first step; the range of the parameter has length one."""
-LARGEST_LENGTH = 0.025
-"""Largest arclength of a step: at least forty points for the range of the parameter."""
 SMALLEST_LENGTH = 1e-9
 """A step is not halved below this arclength."""
 TANGENT_DISTANCE = 1e-3
@@ -297,7 +295,7 @@ class Continuation:
                 vanishing = _vanishing_slip(zeros)
                 event = vanishing or event
                 if event is None or vanishing is not None or event[0].status == "converged":
-                    self.length = min(next_length(length, point.point.iterations), LARGEST_LENGTH)
+                    self.length = min(next_length(length, point.point.iterations), self.request.largest_length)
                     return length, point, event
             self.length /= 2
         return None

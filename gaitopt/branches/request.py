@@ -31,6 +31,8 @@ FOLLOWS = {
     "impact_change": "mode_changes",
 }
 """The key of ``Request.follow`` for every type of special point at which other branches begin."""
+LARGEST_LENGTH = 0.025
+"""Largest arclength of a step: at least forty points for the range of the parameter."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,10 +46,12 @@ class Request(ContinueRequest):
     ----------
     events : functions of a gait, continuous along the family; their zeros are special points with these names.
     follow : for each kind of branch (the values of ``FOLLOWS``), the number of levels to which branches are followed.
+    largest_length : largest arclength of a step; the range of the parameter has length one.
     """
 
     events: Mapping[str, TestFunction] = field(default_factory=dict)
     follow: Mapping[str, int] = field(default_factory=dict)
+    largest_length: float = LARGEST_LENGTH
 
     def first_gait(self, start: Gait | SpecialPoint) -> Gait:
         """The gait at which the family begins, with the friction law that has the parameter.

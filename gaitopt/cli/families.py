@@ -306,6 +306,7 @@ def atlas(
     slices: Annotated[int, option(AtlasRequest, "slices")] = 9,
     refinements: Annotated[int, option(AtlasRequest, "refinements")] = 1,
     max_points: Annotated[int, option(AtlasRequest, "max_points")] = 400,
+    steps: Annotated[int | None, option(AtlasRequest, "steps")] = None,
     what: Annotated[
         str | None, typer.Option("--what", metavar="NAME", help="Scalar to draw as contours.", show_default=False)
     ] = None,
@@ -328,7 +329,7 @@ def atlas(
     spans, loaded = intervals(over), load(problem, changes, terminal)
     with terminal.working("branches and curves") as (progress, interrupted):
         found = verbs.atlas(
-            loaded, spans, slices=slices, refinements=refinements, max_points=max_points, workers=workers,
+            loaded, spans, slices=slices, refinements=refinements, max_points=max_points, steps=steps, workers=workers,
             scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,
         )  # fmt: skip
     pictures = [] if what is None else [what]

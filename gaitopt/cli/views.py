@@ -189,7 +189,7 @@ def report(
 ) -> int:
     """Write one offline page about a result.
 
-    The result is a gait, a walk or a branch, or several gaits side by side. Several gaits are written to
+    The result is a gait, a walk, a branch or an atlas, or several gaits side by side. Several gaits are written to
     comparison.html in the working folder, or to the file given by -o.
     """
     from gaitopt.api import pictures

@@ -432,6 +432,7 @@ class ConditionRecord(TypedDict):
     type: Word
     margin: NotRequired[MarginRecord]
     kappa: NotRequired[Number]
+    gait: NotRequired[Annotated[GaitRecord, AfterValidator(_consistent)]]
 
 
 Values = Annotated[dict[Word, Number], Len(2, 2)]
@@ -569,29 +570,15 @@ class AtlasPointRecord(GaitRecord):
     value: Number
 
 
-AtlasSpecialRecord = TypedDict(
-    "AtlasSpecialRecord",
-    {
-        "type": Word,
-        "value": Number,
-        "status": Literal["converged", "guess"],
-        "reason": NotRequired[Text],
-        "contact": NotRequired[Word],
-        "bound": NotRequired[Flag],
-        "open": NotRequired[Flag],
-        "from": NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)]],
-        "to": NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)]],
-        "multipliers": NotRequired[Annotated[list[MultiplierRecord], Len(max_length=MOST_MULTIPLIERS)]],
-    },
-)
+AtlasSegments = list[Annotated[list[Annotated[AtlasPointRecord, AfterValidator(_consistent)]], Len(1, 1000)]]
 
 
-class LocatedRecord(TypedDict):
-    """A codimension-two point on a traced curve of an atlas."""
+class DoubledRecord(TypedDict):
+    """A branch of doubled gaits of an atlas, which begins at its first special point."""
 
-    type: Word
-    values: Annotated[Numbers, Len(2, 2)]
-    coefficients: dict[Word, Number | None]
+    segments: AtlasSegments
+    specials: list[SpecialRecord]
+    doubled: list["DoubledRecord"]
 
 
 class AtlasJobRecord(TypedDict):
@@ -599,14 +586,16 @@ class AtlasJobRecord(TypedDict):
 
     job: NotRequired[Word]
     value: NotRequired[Number]
-    segments: NotRequired[list[Annotated[list[Annotated[AtlasPointRecord, AfterValidator(_consistent)]], Len(1, 1000)]]]
-    specials: NotRequired[list[AtlasSpecialRecord]]
+    segments: NotRequired[AtlasSegments]
+    specials: NotRequired[list[SpecialRecord]]
+    doubled: NotRequired[list[DoubledRecord]]
     reason: NotRequired[Text]
     at: NotRequired[dict[Word, Number]]
     gait: NotRequired[Annotated[GaitRecord, AfterValidator(_consistent)] | None]
     type: NotRequired[Word]
+    steps: NotRequired[Count]
     trace: NotRequired[list[Annotated[Numbers, Len(2, 2)]]]
-    located: NotRequired[list[LocatedRecord]]
+    located: NotRequired[list[TraceSpecialRecord]]
 
 
 class AtlasRecord(TypedDict):

@@ -8,21 +8,23 @@ neighbouring branches are matched in the order of the branch, the longest common
 
 A *region* is a connected set of matched segments, a *sheet* one of regions that no fold separates, and a *curve* passes
 through the special points between two segments. Curves that were traced have the points of their trace, and meet where
-it has located a codimension-two point. Others are monotone cubics through the special points of the branches, and
-meet between two branches where their tangents do.
+it has located a codimension-two point, turns back, or leaves the range. Others are monotone cubics through the special
+points of the branches, and meet between two branches where their tangents do.
+
+Families of doubled gaits, which begin at a period doubling of another family, are arranged by themselves, on sheets of
+their own.
 """
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import SequenceMatcher
-from itertools import pairwise
+from functools import partial
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.gait.branch import TERMINAL
 from gaitopt.model.cycle import Cycle
 
 Record = Mapping[str, Any]
@@ -35,8 +37,6 @@ PARALLEL = 1e-6
 """Determinant of two scaled tangents below which they do not tell where curves meet."""
 ON_CURVE = 2e-3
 """Distance from a traced curve, relative to the range, up to which a point is on it: more than that of its chords."""
-NEAR = 0.1
-"""Distance, relative to the range, up to which a located codimension-two point is where curves meet."""
 SAME_PLACE = 1e-5
 """Distance, relative to the range, below which two codimension-two points are one."""
 EDGE = 0.02
@@ -48,9 +48,9 @@ MEETINGS = {
     frozenset(("fold", "period_doubling")): "fold_flip",
 }
 """Types of codimension-two points by those of the bifurcations that meet there."""
-FEW = 4
-"""Most special points that one event joins."""
-MARGINS = ("mode_change", "impact_change", "lift_off", "painleve", "vanishing")
+PASSED = ("resonance_1_3", "resonance_1_4", "generalised_flip", "chenciner")
+"""Types of codimension-two points at which no other curve of the family begins or ends."""
+MARGINS = ("mode_change", "impact_change", "lift_off", "painleve", "vanishing", "end", "margin")
 END = "end"
 NO_GAIT, UNKNOWN = "no gait", "unknown"
 
@@ -93,12 +93,14 @@ class Slice:
     segments : in the order of the branch; empty if no gait was found.
     specials : one more than segments; the first and the last one are its ends.
     reason : why there is no segment.
+    doubled : branches of doubled gaits that begin on this one; the first special point of each is the period doubling.
     """
 
     value: float
     segments: tuple[Segment, ...]
     specials: tuple[Record, ...]
     reason: str = ""
+    doubled: tuple["Slice", ...] = ()
 
     @classmethod
     def from_record(cls, record: Record) -> "Slice":
@@ -112,7 +114,13 @@ class Slice:
             segments=segments,
             specials=tuple(record["specials"]),
             reason=record.get("reason", ""),
+            doubled=tuple(cls.from_record({"value": record["value"], **each}) for each in record.get("doubled", ())),
         )
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of a cycle; 0 without a gait."""
+        return len(self.segments[0].middle.get("steps", (1,))) if self.segments else 0
 
     @property
     def labels(self) -> list[tuple[str, int]]:
@@ -219,12 +227,14 @@ class Traced:
     ----------
     type : of the special point from which it was traced.
     points : ndarray, shape (n, 2) - along the curve, in both parameters.
-    specials : codimension-two points that were located on it: ``type`` and ``values``, both parameters.
+    specials : types and places of the codimension-two points that were located on it.
+    steps : number of steps of its cycles.
     """
 
     type: str
     points: Array
-    specials: tuple[Record, ...]
+    specials: tuple[tuple[str, tuple[float, float]], ...]
+    steps: int = 1
 
     def covers(self, place: tuple[float, float], sizes: Array) -> bool:
         """Whether a point lies on it, up to the distance of a chord from its arc."""
@@ -248,30 +258,64 @@ def _distance(place: tuple[float, float], run: Array, sizes: Array) -> float:
     return float(abs(np.interp(b, run[:, 1], run[:, 0]) - a) / sizes[0])
 
 
+def families(slices: Sequence[Slice]) -> list[list[Slice]]:
+    """The slices of a family, then those of every family of doubled gaits that begins on it, and so on."""
+    found, begun = [list(slices)], dict[int, list[tuple[int, Slice]]]()
+    chains = curves_between(slices)
+    for j, each in enumerate(slices):
+        for doubled in each.doubled:
+            origin = doubled.specials[0]["value"]
+            for number, chain in enumerate(chains):
+                if any(i == j and slices[j].specials[k]["value"] == origin for i, k in chain):
+                    begun.setdefault(number, []).append((j, doubled))
+    for known in begun.values():
+        parts: list[list[Slice]] = [[]]
+        for n, (j, doubled) in enumerate(known):
+            if n and j != known[n - 1][0] + 1:
+                parts.append([])
+            parts[-1].append(doubled)
+        for part in parts:
+            found += families(part)
+    return found
+
+
 def curves_between(slices: Sequence[Slice]) -> list[list[Node]]:
     """The special points along every curve, upwards; without the bounds of the range."""
     links, _, _ = _linked(slices)
     return [chain for chain in _chains(slices, links) if type_of(slices[chain[0][0]].specials[chain[0][1]]) != "bound"]
 
 
-def compound_gaps(slices: Sequence[Slice]) -> list[int]:
-    """Numbers of the slices between which and the next one more than one event changes the segments."""
-    _, meetings, _ = _linked(slices)
-    counts = Counter(meeting.gap for meeting in meetings)
-    large = {meeting.gap for meeting in meetings if len(meeting.below + meeting.above) > FEW}
-    return sorted({gap for gap, count in counts.items() if count > 1} | large)
-
-
 def open_gaps(slices: Sequence[Slice], traces: Sequence[Traced], span: tuple[float, float]) -> list[int]:
-    """Numbers of the slices between which and the next one curves meet at a place that no trace has located."""
-    arrangement = arrange(slices, span, traces)
-    values = [each.value for each in slices]
-    unlocated = (junction.values[1] for junction in arrangement.meetings if junction.within)
-    return sorted({int(np.searchsorted(values, b)) - 1 for b in unlocated})
+    """Numbers of the slices between which and the next one there is more than the traces explain.
+
+    This is a place where curves meet that no trace has located, a curve between two of its meetings, or a whole curve.
+    """
+    arrangement, values = _arranged(slices, span, traces), [each.value for each in slices]
+    gaps = {int(np.searchsorted(values, j.values[1])) - 1 for j in arrangement.meetings if j.within}
+    sizes = np.array([span[1] - span[0], values[-1] - values[0]])
+    for trace in (trace for trace in traces if trace.steps == slices[0].steps):
+        places = _distinct([place for name, place in trace.specials if name not in PASSED], sizes)
+        edge, b = SAME_PLACE * sizes[1], trace.points[:, 1]
+        for j, (low, high) in enumerate(pairwise(values)):
+            hidden = low + edge < b.min() and b.max() < high - edge
+            if hidden or sum(low < b < high for _, b in places) > 1:
+                gaps.add(j)
+    return sorted(gaps)
+
+
+def _distinct(places: Iterable[tuple[float, float]], sizes: Array) -> list[tuple[float, float]]:
+    """Places without those that are the same as earlier ones."""
+    found = list[tuple[float, float]]()
+    for place in places:
+        if all(np.abs((np.array(place) - other) / sizes).max() > SAME_PLACE for other in found):
+            found.append(place)
+    return found
 
 
 def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence[Traced] = ()) -> Arrangement:
-    """Regions, curves and junctions of a family.
+    """Regions, curves and junctions of a family and of the families of doubled gaits that begin on it.
+
+    The numbers of slices in ``Region.places`` are those of all ``families`` in a row.
 
     Parameters
     ----------
@@ -279,6 +323,33 @@ def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence
     span : range of the first parameter.
     traces : of its curves.
     """
+    whole, count, sheets = Arrangement(), 0, 0
+    for number, family in enumerate(families(slices)):
+        own = [trace for trace in traces if trace.steps == family[0].steps or not family[0].steps]
+        part = _arranged(family, span, own)
+        regions = [
+            replace(region, sheet=region.sheet + sheets, places=tuple((j + count, i) for j, i in region.places))
+            if region.places
+            else region
+            for region in part.regions
+            if region.places or not number
+        ]
+        moved: list[list[Any]] = [
+            [replace(each, sheet=each.sheet + sheets) for each in group]
+            for group in (part.curves, part.junctions, part.meetings)
+        ]
+        whole = Arrangement(
+            regions=(*whole.regions, *regions),
+            curves=(*whole.curves, *moved[0]),
+            junctions=(*whole.junctions, *moved[1]),
+            meetings=(*whole.meetings, *moved[2]),
+        )
+        count, sheets = count + len(family), 1 + max((region.sheet for region in regions), default=sheets - 1)
+    return whole
+
+
+def _arranged(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence[Traced]) -> Arrangement:
+    """Regions, curves and junctions of one family."""
     links, meetings, matched = _linked(slices)
     regions = _Classes((j, i) for j, each in enumerate(slices) for i in range(len(each.segments)))
     sheets = _Classes(regions.parent)
@@ -296,9 +367,10 @@ def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence
         """Sheet of a special point; of a fold, that of the segment before it."""
         return numbers[(j, min(max(k - 1, 0), len(slices[j].segments) - 1))]
 
-    sizes = np.array([span[1] - span[0], slices[-1].value - slices[0].value])
+    sizes = np.array([span[1] - span[0], slices[-1].value - slices[0].value or 1.0])
+    links, meetings, tails = _explained(slices, links, meetings, traces, sizes)
     chains = list(_chains(slices, links))
-    places = [_meeting_place(slices, chains, meeting, traces, sizes) for meeting in meetings]
+    places = [_meeting_place(slices, chains, meeting) for meeting in meetings]
     places = [replace(p, values=(float(np.clip(p.values[0], *span)), p.values[1])) for p in places]
     curves, paths = list[Curve](), dict[tuple[Node, bool], Array]()
     for chain in chains:
@@ -306,12 +378,17 @@ def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence
             next(
                 (place.values for meeting, place in zip(meetings, places, strict=True) if node in nodes(meeting)), None
             )
-            for node, nodes in ((chain[0], _Meeting.leaving), (chain[-1], _Meeting.arriving))
+            if (node, upward) not in tails
+            else None
+            for node, upward, nodes in ((chain[0], False, _Meeting.leaving), (chain[-1], True, _Meeting.arriving))
         ]
         curve, own = _drawn(slices, chain, ends, traces, sizes)
+        below, above = (tails.get(key, np.empty((0, 2))) for key in ((chain[0], False), (chain[-1], True)))
+        curve = replace(curve, points=np.concatenate([below[:0:-1], curve.points, above[1:]]))
         paths |= own
         if curve.type != "bound":
             curves.append(replace(curve, sheet=sheet_of(*chain[0])))
+    paths |= tails
     pieces: dict[Node, list[Array]] = {root: [] for root in regions.roots()}
     for place, polygon in _polygons(slices, matched, links, paths):
         pieces[regions.root(place)].append(polygon)
@@ -331,14 +408,19 @@ def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence
     ]
     junctions = [junction for junction in at_meetings if junction.name]
     for trace in traces:
-        for special in trace.specials:
-            (a, b), sheet = special["values"], next((c.sheet for c in curves if _alike(c.type, trace.type)), 0)
-            apart = (np.abs((np.array(junction.values) - (a, b)) / sizes).max() for junction in junctions)
+        sheet = next((curve.sheet for curve in curves if _drawn_by(curve, trace, sizes)), None)
+        if sheet is None:  # between two branches
+            sheet, empty = 0, np.empty((0, 2))
+            curves.append(Curve(type=trace.type, points=trace.points, located=empty, records=(), sheet=0))
+        for name, spot in trace.specials:
+            apart = (np.abs((np.array(junction.values) - spot) / sizes).max() for junction in junctions)
             if min(apart, default=np.inf) > SAME_PLACE:
-                name = str(special["type"])
-                junctions.append(Junction(name=name, values=(a, b), types=(trace.type,), within=0.0, sheet=sheet))
+                junctions.append(Junction(name=name, values=spot, types=(trace.type,), within=0.0, sheet=sheet))
     return Arrangement(
-        regions=(*sorted(found, key=lambda region: -region.area), *_outside(slices, span)),
+        regions=(
+            *sorted(found, key=lambda region: -region.area),
+            *_outside(slices, span, partial(_side, links, paths), traces, sizes),
+        ),
         curves=tuple(curves),
         junctions=tuple(junctions),
         meetings=tuple(at_meetings),
@@ -355,7 +437,7 @@ def _drawn(
     """A curve, and its parts from each special point upwards and downwards to the next one or to its end."""
     kind, places = type_of(slices[chain[0][0]].specials[chain[0][1]]), [_place(slices, node) for node in chain]
     known = [place for place in (ends[0], *places, ends[1]) if place is not None]
-    runs = (run for trace in traces if _alike(kind, trace.type) for run in trace.runs)
+    runs = (run for trace in traces if alike(kind, trace.type) for run in trace.runs)
     covering = (run for run in runs if all(_distance(place, run, sizes) < ON_CURVE for place in places))
     inner = next(covering, np.empty((0, 2)))
     apart = np.abs(np.subtract.outer(inner[:, 1], [b for _, b in known])).min(axis=1, initial=np.inf)
@@ -378,14 +460,7 @@ def _polygons(
     paths: Mapping[tuple[Node, bool], Array],
 ) -> Iterator[tuple[Node, Array]]:
     """For every segment the polygon between its branch and the next one, and where it begins between them."""
-    nothing = np.empty((0, 2))
-
-    def side(below: Node | None, above: Node | None) -> Array:
-        """Between two branches, from special points of one to the other, or to where they meet others."""
-        up = nothing if below is None else paths.get((below, True), nothing)
-        down = nothing if above is None or links.get(below or (-1, -1)) == above else paths.get((above, False), nothing)
-        return np.concatenate([up, down[::-1]])
-
+    side = partial(_side, links, paths)
     for j, pairs in enumerate(matched):
         partners, begun = dict(pairs), {t for _, t in pairs}
         for i in range(len(slices[j].segments)):
@@ -399,18 +474,42 @@ def _polygons(
                 yield (j + 1, t), np.concatenate([left, right[::-1]])
 
 
-def _alike(kind: str, traced: str) -> bool:
+def _side(
+    links: Mapping[Node, Node], paths: Mapping[tuple[Node, bool], Array], below: Node | None, above: Node | None
+) -> Array:
+    """Between two branches, from special points of one to the other, or to where they meet others; shape (n, 2)."""
+    nothing = np.empty((0, 2))
+    up = nothing if below is None else paths.get((below, True), nothing)
+    down = nothing if above is None or links.get(below or (-1, -1)) == above else paths.get((above, False), nothing)
+    return np.concatenate([up, down[::-1]])
+
+
+def _drawn_by(curve: Curve, trace: Traced, sizes: Array) -> bool:
+    """Whether a trace is that of a curve."""
+    return alike(curve.type, trace.type) and any(trace.covers((a, b), sizes) for a, b in curve.located.tolist())
+
+
+def alike(kind: str, traced: str) -> bool:
     """Whether a trace of this type may be that of a curve: a margin may change both phases and impact."""
     return kind == traced or (kind in MARGINS and traced in MARGINS)
 
 
+def joins(name: str, kind: str) -> bool:
+    """Whether a curve of a type begins, ends or is crossed at a codimension-two point of this name."""
+    if name.startswith("margin_"):
+        return kind in MARGINS or name.endswith(kind)
+    return name not in PASSED and any(kind in kinds for kinds, known in MEETINGS.items() if known == name)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Meeting:
-    """Special points of two neighbouring branches whose curves meet between them."""
+    """Special points of two neighbouring branches whose curves meet between them; name and place if they are known."""
 
     gap: int
     below: tuple[Node, ...]
     above: tuple[Node, ...]
+    name: str = ""
+    place: tuple[float, float] | None = None
 
     def arriving(self) -> tuple[Node, ...]:
         """Special points whose curves arrive from below."""
@@ -441,6 +540,135 @@ def _linked(slices: Sequence[Slice]) -> tuple[dict[Node, Node], list[_Meeting], 
                     continue
                 meetings.append(_Meeting(gap=j, below=lower, above=upper))
     return links, meetings, matched
+
+
+def _explained(
+    slices: Sequence[Slice],
+    links: Mapping[Node, Node],
+    meetings: Sequence[_Meeting],
+    traces: Sequence[Traced],
+    sizes: Array,
+) -> tuple[dict[Node, Node], list[_Meeting], dict[tuple[Node, bool], Array]]:
+    """Links and meetings as the traces have them, and the traced curves from special points up or down to meetings.
+
+    Curves that pass each other are linked; others meet at known places. A bound of the range ends where a curve leaves.
+    """
+    linked, found, tails = dict(links), list[_Meeting](), dict[tuple[Node, bool], Array]()
+    for gap, group in groupby(meetings, key=lambda meeting: meeting.gap):
+        together, between = list(group), (slices[gap].value, slices[gap + 1].value)
+        known, through = list[tuple[str, tuple[float, float], Node]](), dict[int, Node]()
+        kinds = {n: type_of(slices[n[0]].specials[n[1]]) for each in together for n in each.below + each.above}
+        untraced, rest = set[Node](), set[Node]()
+        for node, kind in kinds.items():
+            upward = node[0] == gap
+            number, event = _followed(_place(slices, node), kind, upward, between, traces, sizes)
+            if event is not None:
+                name, tails[node, upward] = event
+                known.append((name, tuple(tails[node, upward][-1].tolist()), node))
+            elif number is not None and not upward and number in through:
+                linked[through[number]] = node
+                rest.remove(through[number])
+            else:
+                rest.add(node)
+                if number is None:
+                    untraced.add(node)
+                elif upward:
+                    through[number] = node
+        places = _distinct([place for _, place, _ in known], sizes)
+        met = {
+            place: [e for e in known if np.abs((np.array(e[1]) - place) / sizes).max() <= SAME_PLACE]
+            for place in places
+        }
+        names = {place: max((name for name, _, _ in entries), key=len) for place, entries in met.items()}
+        nodes = {place: {node for _, _, node in entries} for place, entries in met.items()}
+        for node in untraced & rest:
+            if kinds[node] == "bound":
+                a = _place(slices, node)[0]
+                near = [place for place in places if abs(place[0] - a) < SAME_PLACE * sizes[0]]
+                near.sort(key=lambda place: place[1], reverse=node[0] > gap)
+            else:
+                near = [place for place in places if joins(names[place], kinds[node])]
+            if near:
+                nodes[near[0]].add(node)
+                rest.remove(node)
+        every = [*nodes.items(), *((None, {*each.below, *each.above} & rest) for each in together)]
+        for spot, members in every:
+            below, above = (tuple(sorted(n for n in members if n[0] == gap + k)) for k in (0, 1))
+            if spot is None and _is_bound(slices, below, above):
+                linked[below[0]] = above[0]
+            elif members:
+                name = "" if spot is None else names[spot]
+                found.append(_Meeting(gap=gap, below=below, above=above, name=name, place=spot))
+    return linked, found, tails
+
+
+def _is_bound(slices: Sequence[Slice], below: Sequence[Node], above: Sequence[Node]) -> bool:
+    """Whether special points are the same bound of the range, with the same gaits beside it."""
+    if len(below) != 1 or len(above) != 1:
+        return False
+    sides = [(slices[j], k, min(k, len(slices[j].segments) - 1)) for (j, k) in (*below, *above)]
+    kinds, labels = ({each.types[k] for each, k, _ in sides}, {each.labels[i] for each, _, i in sides})
+    return kinds == {"bound"} and len(labels) == 1
+
+
+def _followed(
+    place: tuple[float, float],
+    kind: str,
+    upward: bool,
+    gap: tuple[float, float],
+    traces: Sequence[Traced],
+    sizes: Array,
+) -> tuple[int | None, tuple[str, Array] | None]:
+    """The number of the traced curve through a special point, and the first event on it in the gap beyond this point.
+
+    The event is a codimension-two point at which other curves meet it, or an end of the curve, or the place where it
+    turns back to the branch from which it came; it has its name and the curve that leads there, shape (n, 2). None if
+    there is no such curve, or no event.
+    """
+    low, high = gap[0] + SAME_PLACE * sizes[1], gap[1] - SAME_PLACE * sizes[1]
+    near = [
+        (min((_distance(place, run, sizes) for run in trace.runs), default=np.inf), n)
+        for n, trace in enumerate(traces)
+        if alike(kind, trace.type)
+    ]
+    distance, number = min(near, default=(np.inf, -1))
+    if not distance < ON_CURVE:
+        return None, None
+    points = traces[number].points
+    _, at = _position(place, points, sizes)
+    first = min(int(at), len(points) - 2)
+    forward = (points[first + 1, 1] > points[first, 1]) == upward
+    rest = points[first + 1 :] if forward else points[: first + 1][::-1]
+    rest = rest[1:] if len(rest) and np.abs((rest[0] - place) / sizes).max() < SAME_PLACE else rest
+    inside = (rest[:, 1] > low) & (rest[:, 1] < high)
+    count = len(rest) if inside.all() else int(np.argmin(inside))
+    path = np.concatenate([[place], rest[:count]])
+    events = [
+        (*_position(spot, path, sizes), name, spot)
+        for trace in traces
+        for name, spot in trace.specials
+        if low < spot[1] < high and joins(name, kind) and len(path) > 1
+    ]
+    on_path = [(position, name, spot) for distance, position, name, spot in events if distance < ON_CURVE]
+    position, name, spot = min(on_path, default=(np.inf, "", place))
+    if on_path:
+        return number, (name, np.concatenate([path[: int(np.ceil(position))], [spot]]))
+    if count == len(rest):
+        return number, ("", path) if count else None
+    if (rest[count, 1] <= low) == upward:
+        turn = int(np.argmax(path[:, 1]) if upward else np.argmin(path[:, 1]))
+        return number, ("", path[: turn + 1])
+    return number, None
+
+
+def _position(place: tuple[float, float], points: Array, sizes: Array) -> tuple[float, float]:
+    """Distance of a place from a line through points, relative to the ranges, and where it is nearest: point k at k."""
+    starts, steps = points[:-1] / sizes, np.diff(points / sizes, axis=0)
+    offsets = np.array(place) / sizes - starts
+    parts = np.clip((offsets * steps).sum(axis=1) / np.maximum((steps**2).sum(axis=1), np.finfo(float).tiny), 0, 1)
+    distances = np.linalg.norm(offsets - parts[:, None] * steps, axis=1)
+    k = int(np.argmin(distances))
+    return float(distances[k]), k + float(parts[k])
 
 
 def _events(
@@ -478,10 +706,11 @@ def _meeting_place(
     slices: Sequence[Slice],
     chains: Sequence[list[Node]],
     meeting: _Meeting,
-    traces: Sequence[Traced],
-    sizes: Array,
 ) -> Junction:
-    """Where curves meet: at a located point, else at the point nearest to their tangents between the two branches."""
+    """Where curves meet: at a known place, else at the point nearest to their tangents between the two branches."""
+    if meeting.place is not None:
+        kinds = {type_of(slices[j].specials[k]) for j, k in meeting.below + meeting.above}
+        return Junction(name=meeting.name, values=meeting.place, types=tuple(sorted(kinds)), within=0.0, sheet=0)
     low, high = slices[meeting.gap].value, slices[meeting.gap + 1].value
     rows, nodes = list[tuple[float, float]](), meeting.below + meeting.above
     for node in nodes:
@@ -501,19 +730,8 @@ def _meeting_place(
     b = float(np.clip(b, low + edge, high - edge))
     estimate = np.array([np.mean(offsets + slopes * b), b])
     types = tuple(sorted({type_of(slices[j].specials[k]) for j, k in nodes}))
-    name, located = _name(types, len(nodes)), list[tuple[float, str, tuple[float, float]]]()
-    for trace in (trace for trace in traces if any(_alike(kind, trace.type) for kind in types)):
-        candidates = [(str(special["type"]), special["values"]) for special in trace.specials]
-        if not name:  # a curve that leaves the range, or turns back
-            candidates = [("", tuple(run[k].tolist())) for run in trace.runs for k in (0, -1)]
-        for kind, values in candidates:
-            distance = float(np.abs((np.array(values) - estimate) / sizes).max())
-            if low < values[1] < high and distance < NEAR:
-                located.append((distance, kind, (values[0], values[1])))
-    if located:
-        _, name, place = min(located)
-        return Junction(name=name, values=place, types=types, within=0.0, sheet=0)
-    return Junction(name=name, values=(float(estimate[0]), b), types=types, within=(high - low) / 2, sheet=0)
+    place = float(estimate[0]), b
+    return Junction(name=_name(types, len(nodes)), values=place, types=types, within=(high - low) / 2, sheet=0)
 
 
 class _Smooth:
@@ -555,22 +773,34 @@ def _name(types: Sequence[str], count: int) -> str:
     return MEETINGS.get(frozenset(bifurcations), "")
 
 
-def _outside(slices: Sequence[Slice], span: tuple[float, float]) -> Iterator[Region]:
-    """What no gait of the family covers: without a gait beyond an end of the family or a fold, else unknown."""
+def _outside(
+    slices: Sequence[Slice],
+    span: tuple[float, float],
+    boundary: Callable[[Node, Node], Array],
+    traces: Sequence[Traced],
+    sizes: Array,
+) -> Iterator[Region]:
+    """What no gait of the family covers: without a gait beyond a traced end of the family or a fold, else unknown."""
     pieces: dict[str, list[Array]] = {NO_GAIT: [], UNKNOWN: []}
-    for first, second in pairwise(slices):
+    for j, (first, second) in enumerate(pairwise(slices)):
         if not first.segments or not second.segments:
             low, high = first.value, second.value
             box = np.array([(span[0], low), (span[1], low), (span[1], high), (span[0], high)])
             pieces[UNKNOWN].append(box)
             continue
         for side, edge in ((min, span[0]), (max, span[1])):
-            ends = [side(each.specials, key=lambda special: special["value"]) for each in (first, second)]
-            if all(end.get("bound") for end in ends):
+            last = [side(range(len(e.specials)), key=lambda k, e=e: e.specials[k]["value"]) for e in (first, second)]  # type: ignore[misc]
+            kinds = [each.types[k] for each, k in zip((first, second), last, strict=True)]
+            if kinds == ["bound", "bound"]:
                 continue
-            ended = all(end["type"] in ("fold", *TERMINAL) and end["type"] != END for end in ends)
-            (a, b), (c, d) = ((end["value"], each.value) for end, each in zip(ends, (first, second), strict=True))
-            pieces[NO_GAIT if ended else UNKNOWN].append(np.array([(a, b), (c, d), (edge, d), (edge, b)]))
+            nodes = [(j, last[0]), (j + 1, last[1])]
+            ended = all(
+                kind == "bound"
+                or any(alike(kind, trace.type) and trace.covers(_place(slices, node), sizes) for trace in traces)
+                for kind, node in zip(kinds, nodes, strict=True)
+            )
+            corners = np.array([(edge, second.value), (edge, first.value)])
+            pieces[NO_GAIT if ended else UNKNOWN].append(np.concatenate([boundary(*nodes), corners]))
     for words, polygons in pieces.items():
         if polygons:
             yield Region(words=words, unstable=None, sheet=-1, pieces=tuple(polygons))

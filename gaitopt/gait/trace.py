@@ -151,7 +151,10 @@ class TraceSpecial:
             "status": self.status,
             "reason": self.reason,
             "coefficients": dict(self.coefficients),
-            "next": [start.to_record() for start in self.next],
+            "next": [
+                start.to_record() | ({} if start.gait is self.gait else {"gait": start.gait.to_record()})
+                for start in self.next
+            ],
         }
         record |= {name: True for name, holds in (("bound", self.bound), ("open", self.open)) if holds}
         for key, cycle in (("from", self.before), ("to", self.after)):

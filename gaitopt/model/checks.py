@@ -508,7 +508,11 @@ class Posture:
 
 def _posture(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
     """The walker at coordinates ``q`` and rates ``dq``, both of shape (n_shape + 2,), and parameters ``p``."""
-    values: dict[str, Any] = {k: np.asarray(value) for k, value in _kinematics(walker)(q=q, dq=dq, p=p).items()}
+    function = _kinematics(walker)
+    columns = zip(function.name_out(), buffered(function)(q, dq, p), strict=True)
+    values: dict[str, Any] = {
+        name: column.reshape(function.size_out(name), order="F").copy() for name, column in columns
+    }
     scalars = ("guard", "guard_slope", "upright", "spring_energy", "dissipation", "gravity")
     values |= {name: values[name].item() for name in scalars}
     values |= {name: values[name].ravel() for name in ("relabel", "relabel_rate", "gaps")}

@@ -1,12 +1,13 @@
 """An atlas: where the gaits of a family exist, slip and are stable, over two parameters.
 
-The branch in the first parameter is computed at some values of the second. Where two neighbouring branches differ in
-their segments, the value between them is added, again and again down to a smallest distance. ``gait.regions`` arranges
-the branches into regions and curves. One gait in the middle of every region is solved again and verified by simulation;
-a region whose gait fails is unknown.
+The branch in the first parameter is computed at some values of the second: the first one from the gait of the problem,
+the others from a gait of the first. Special points of the branches are traced over both parameters, and so are the
+curves that begin at codimension-two points, until nothing new appears. Where these curves do not explain how two
+neighbouring branches differ, the branch between them is added, down to a smallest distance. ``gait.regions`` arranges
+branches and curves into regions. One gait in the middle of every region is solved again and verified by simulation; a
+region whose gait fails is unknown.
 
-Every branch is one job: the first one starts from the gait of the problem, each of the others from the branch next to
-it.
+Every branch, every curve and every verified gait is one job, see ``atlas_job``.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -17,13 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gaitopt.arrays import Array
 from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
-from gaitopt.branches.trace import MARGINS, follow_curve
+from gaitopt.branches.trace import MARGINS, curve_start, follow_curve
 from gaitopt.callbacks import Stop
-from gaitopt.display import Plotted, counted
+from gaitopt.display import Reported, counted
 from gaitopt.errors import ArgumentError, ProblemError, SolveError, StorageError
-from gaitopt.gait.branch import BranchPoint, SpecialPoint
+from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import AtlasJobRecord, AtlasRecord
@@ -32,20 +34,23 @@ from gaitopt.gait.regions import (
     Region,
     Slice,
     Traced,
+    alike,
     arrange,
-    compound_gaps,
     curves_between,
+    families,
     open_gaps,
 )
-from gaitopt.gait.trace import TracePoint, TraceSpecial
+from gaitopt.gait.trace import CurveStart, TracePoint, TraceSpecial
 from gaitopt.model.cycle import Cycle
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import unit_of
-from gaitopt.requests import AtlasRequest, TraceRequest, entries
+from gaitopt.requests import AtlasRequest, TraceRequest
 from gaitopt.runs.grid import Axis, Grid, at_point
 from gaitopt.runs.jobs import Plan, ResultFile
+from gaitopt.runs.trace import traced_family
 from gaitopt.search.solve import solve
 from gaitopt.store.formats import json_file, validated
+from gaitopt.store.gaits import special_point, trace_special
 from gaitopt.store.run import Run
 from gaitopt.systems import solve_sequence
 from gaitopt.threads import cached_property
@@ -55,6 +60,8 @@ from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+Record = Mapping[str, Any]
+
 ATLAS_FILE = "atlas.json"
 ATLAS_JOBS = ResultFile(name="atlas.jsonl", key="job", model=AtlasJobRecord)
 STORED_POINTS = 9
@@ -62,23 +69,25 @@ STORED_POINTS = 9
 INSIDE = 1e-9
 """A start is moved into the range by this part of it: a branch cannot begin at its own target."""
 TRACEABLE = ("fold", "period_doubling", "neimark_sacker", *MARGINS)
-"""Types of special points that have a curve."""
+"""Types of special points that have a curve, besides ends of families at a margin."""
 MOVING_POINTS = 200
 """Most points of the family from a known gait to the place where a branch begins."""
-TRACING_ROUNDS = 4
-"""Curves of one type are traced one after the other, because a trace may cover several of them."""
-ACROSS, SAME_VALUE = 0.1, 1e-6
-"""Distance up to which a special point is the same one, relative to that of its start, and to the range."""
+LARGEST_LENGTH = 0.05
+"""Largest arclength of a step along a branch: twice that of a continuation, because only special points matter."""
+MOST_TRACES, MOST_TRACED = 60, 200
+"""Most curves that are traced, and most points of each in either direction."""
+SAME_VALUE = 1e-6
+"""Relative difference of two values that are the same."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Atlas(Plotted):
+class Atlas(Reported):
     """The atlas of a family of gaits.
 
     Attributes
     ----------
     problem, axes : the problem, and the ranges of the two parameters.
-    slices : the branches in the first parameter, ascending in the second.
+    slices : the branches in the first parameter, ascending in the second; then those of families of doubled gaits.
     arrangement : regions, curves, and the points where curves meet.
     gaits : of the regions, in their order: the record of a verified gait; the reason if there is none.
     folder : folder of its files.
@@ -88,7 +97,7 @@ class Atlas(Plotted):
     axes: tuple[Axis, Axis]
     slices: tuple[Slice, ...]
     arrangement: Arrangement
-    gaits: tuple[Mapping[str, Any], ...]
+    gaits: tuple[Record, ...]
     folder: Path | None = None
 
     def __repr__(self) -> str:
@@ -108,13 +117,13 @@ class Atlas(Plotted):
         return {
             "problem": self.problem.name,
             "over": [asdict(axis) for axis in self.axes],
-            "branches": len(self.slices),
+            "branches": len({each.value for each in self.slices}),
             "sheets": self.sheets,
             "curves": [
                 {
                     "type": curve.type,
                     "sheet": curve.sheet,
-                    **{side: curve.records[0][side] for side in ("from", "to") if side in curve.records[0]},
+                    **{side: record[side] for record in curve.records[:1] for side in ("from", "to") if side in record},
                     "located": curve.located.tolist(),
                     "points": curve.points.tolist(),
                 }
@@ -176,12 +185,13 @@ def read_atlas(place: Path) -> Atlas:
     return _assembled(run.problem(), (first, second), [lines[key] for key in stated["jobs"]], place)
 
 
-def _assembled(problem: Problem, axes: tuple[Axis, Axis], records: Sequence[Mapping[str, Any]], place: Path) -> Atlas:
+def _assembled(problem: Problem, axes: tuple[Axis, Axis], records: Sequence[Record], place: Path) -> Atlas:
     """The atlas from the records of its jobs: those of branches, and those of gaits in regions."""
     slices = sorted((Slice.from_record(r) for r in records if "segments" in r), key=lambda each: each.value)
     checked = {_checked_key(record["at"]): record for record in records if "at" in record}
     traces = _traced(record for record in records if "trace" in record)
-    arrangement, gaits = arrange(slices, (axes[0].lower, axes[0].upper), traces), list[Mapping[str, Any]]()
+    arrangement, gaits = arrange(slices, (axes[0].lower, axes[0].upper), traces), list[Record]()
+    slices = [each for family in families(slices) for each in family]
     regions = list[Region]()
     for region in arrangement.regions:
         place_of = _representative(slices, region, axes)
@@ -205,7 +215,7 @@ def _checked_key(at: Mapping[str, float]) -> tuple[float, ...]:
 
 def _representative(
     slices: Sequence[Slice], region: Region, axes: tuple[Axis, Axis]
-) -> tuple[dict[str, float], Mapping[str, Any]] | None:
+) -> tuple[dict[str, float], Record] | None:
     """A place in the middle of the longest segment of a region, and the gait that is known there."""
     if not region.places:
         return None
@@ -251,171 +261,223 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
                 at_point(self.problem, {self.axes[0].key: first, self.axes[1].key: second})
 
     def result(self, jobs: ResumableJobs) -> Atlas:
-        """The branches, refined until neighbours agree, their arrangement, and a verified gait in every region."""
-        first, second = self.axes
+        """The branches, refined until curves explain their differences, and a verified gait in every region."""
+        with jobs.kept() as workers:
+            branches, traces = self._branches_and_curves(workers)
+            slices = _slices(branches.values())
+            regions = arrange(slices, self.span, _traced(traces.values())).regions
+            every = [each for family in families(slices) for each in family]
+            places = filter(None, (_representative(every, region, self.axes) for region in regions))
+            checks = [
+                self._job(check_job, ["check", at], {"at": at, "gait": None}, at, dict(gait)) for at, gait in places
+            ]
+            checked = self._completed(workers, checks)
+        done = {**branches, **traces, **checked}
+        self.run.write({ATLAS_FILE: json_file({"over": [asdict(axis) for axis in self.axes], "jobs": [*done]})})
+        return _assembled(self.problem, self.axes, [*done.values()], self.run.place)
+
+    def _branches_and_curves(self, jobs: ResumableJobs) -> tuple[dict[str, Record], dict[str, Record]]:
+        """The records of all branches and of all traced curves, by the keys of their jobs."""
+        second, known, branches = self.axes[1], dict[float, Job](), dict[str, Record]()
         values = np.linspace(second.lower, second.upper, self.slices).tolist()
         begin = float(np.clip(self.problem.parameters[second.key], second.lower, second.upper))
-        origin = min(range(len(values)), key=lambda k: abs(values[k] - begin))
-        known = dict[float, Job]()
-        known[values[origin]] = self._job(values[origin], None)
-        for k in [*range(origin + 1, len(values)), *range(origin - 1, -1, -1)]:
-            neighbour = values[k - 1] if k > origin else values[k + 1]
-            known[values[k]] = self._job(values[k], known[neighbour])
-        upward = [known[values[k]] for k in range(origin, len(values))]
-        downward = [known[values[k]] for k in range(origin - 1, -1, -1)]
-        records = dict(self._completed(jobs, [*_alternately(upward, downward)]))
-        span, traces = (first.lower, first.upper), dict[str, Mapping[str, Any]]()
-        self._refine(jobs, known, records, compound_gaps)
-        for _ in range(TRACING_ROUNDS):
-            fresh = [*self._untraced(_slices(records), _traced(traces.values()))]
-            fresh = [job for job in fresh if job.key not in traces]
-            if not fresh:
-                break
-            for job, record in zip(fresh, jobs.complete(trace_job, fresh, len(fresh)), strict=True):
-                traces[job.key] = {"trace": [], "reason": record.reason} if _failed(record) else record
-        self._refine(jobs, known, records, lambda slices: open_gaps(slices, _traced(traces.values()), span))
-        slices = _slices(records)
-        arrangement = arrange(slices, span, _traced(traces.values()))
-        places = filter(None, (_representative(slices, region, self.axes) for region in arrangement.regions))
-        checks = [
-            Job(key=key_of([self.problem.digest, "check", at]), argument=(self.problem, at, dict(gait)))
-            for at, gait in places
-        ]
-        checked = jobs.complete(check_job, checks, len(checks))
-        checked = [
-            {"at": job.argument[1], "gait": None, "reason": record.reason} if _failed(record) else record
-            for job, record in zip(checks, checked, strict=True)
-        ]
-        keys = [known[value].key for value in sorted(records)] + [*traces] + [job.key for job in checks]
-        self.run.write({ATLAS_FILE: json_file({"over": [asdict(axis) for axis in self.axes], "jobs": keys})})
-        every = [*records.values(), *traces.values(), *checked]
-        return _assembled(self.problem, self.axes, every, self.run.place)
-
-    def _refine(
-        self,
-        jobs: ResumableJobs,
-        known: dict[float, Job],
-        records: dict[float, Mapping[str, Any]],
-        gaps: Callable[[Sequence[Slice]], list[int]],
-    ) -> None:
-        """Add branches in the middle of some gaps, again and again."""
-        second = self.axes[1]
-        least = (second.upper - second.lower) / (self.slices - 1) / 2**self.refinements
+        origin, *others = sorted(values, key=lambda value: abs(value - begin))
+        starts = dict.fromkeys(others, origin)
+        known[origin] = self._branch(origin, None)
+        branches = self._completed(jobs, [known[origin]])
+        tried = set[tuple[float, float]]()
+        while starts:
+            known |= {value: self._branch(value, known[start]) for value, start in starts.items()}
+            branches |= self._completed(jobs, [known[value] for value in starts])
+            branches = {job.key: branches[job.key] for job in known.values()}
+            tried |= {*starts.items()}
+            # a family may end on the way from the first branch, but not on that from the nearest one
+            there = [value for value in values if branches[known[value].key]["segments"]]
+            nearest = {v: min(there, key=lambda other: abs(other - v)) for v in values if there and v not in there}
+            starts = {value: start for value, start in nearest.items() if (value, start) not in tried}
+        traces = dict[str, Record]()
         while True:
-            values, fresh = sorted(records), list[Job]()
-            for j in gaps(_slices(records)):
-                if values[j + 1] - values[j] < 1.5 * least:
-                    continue
-                middle = (values[j] + values[j + 1]) / 2
-                parent = max((values[j], values[j + 1]), key=lambda value: len(records[value]["segments"]))
-                known[middle] = self._job(middle, known[parent])
-                fresh.append(known[middle])
-            if not fresh:
-                return
-            records |= dict(self._completed(jobs, fresh))
+            slices = _slices(branches.values())
+            fresh = [*self._untraced(slices, traces), *self._begun(traces)] if len(traces) < MOST_TRACES else []
+            between = self._between(slices, _traced(traces.values())) if traces or not fresh else {}
+            known |= {value: self._branch(value, known[start]) for value, start in between.items()}
+            if not (fresh or between):
+                return branches, traces
+            done = self._completed(jobs, [*fresh, *(known[value] for value in between)])
+            traces |= {job.key: done.pop(job.key) for job in fresh}
+            branches |= done
 
-    def _untraced(self, slices: Sequence[Slice], traces: Sequence[Traced]) -> Iterator[Job]:
+    def _between(self, slices: Sequence[Slice], traces: Sequence[Traced]) -> dict[float, float]:
+        """Values of the second parameter at which a branch is missing, each with that of the branch it starts from."""
+        second, values = self.axes[1], [each.value for each in slices]
+        least = (second.upper - second.lower) / (self.slices - 1) / 2**self.refinements
+        gaps = (j for j in open_gaps(slices, traces, self.span) if values[j + 1] - values[j] > 1.5 * least)
+        return {
+            (values[j] + values[j + 1]) / 2: max(slices[j : j + 2], key=lambda each: len(each.segments)).value
+            for j in gaps
+        }
+
+    def _untraced(self, slices: Sequence[Slice], traces: Mapping[str, Record]) -> Iterator[Job]:
         """A job for one curve of every type that no trace covers, from the special point in its middle."""
-        first, second = self.axes
-        sizes, types = np.array([first.upper - first.lower, second.upper - second.lower]), set[tuple[str, ...]]()
-        for chain in sorted(curves_between(slices), key=lambda chain: -len(chain)):
+        types, known = set[tuple[str, ...]](), _traced(traces.values())
+        chains = [(family, chain) for family in families(slices) for chain in curves_between(family)]
+        for family, chain in sorted(chains, key=lambda pair: -len(pair[1])):
             j, k = chain[len(chain) // 2]
-            special, value = slices[j].specials[k], slices[j].value
-            if special["type"] not in TRACEABLE or special["status"] != "converged":
+            special, value = family[j].specials[k], family[j].value
+            if not is_traceable(special):
                 continue
-            kind = (special["type"], str(special.get("from")), str(special.get("to")))
-            covered = any(trace.covers((special["value"], value), sizes) for trace in traces)
-            if covered or kind in types:
-                continue
-            types.add(kind)
-            near = [slices[j].segments[k - 1].points[-1]] if k else []
-            near += [slices[j].segments[k].points[0]] if k < len(slices[j].segments) else []
-            start = max(near, key=lambda point: 0.0 if point["value"] == special["value"] else 1.0)
-            at = [special["value"], value]
-            key = key_of([self.problem.digest, *map(str, self.axes), "trace", special["type"], at])
-            yield Job(key=key, argument=(self.problem, self.axes, value, dict(special), dict(start)))
-
-    def _completed(self, jobs: ResumableJobs, fresh: Sequence[Job]) -> Iterator[tuple[float, Mapping[str, Any]]]:
-        for job, record in zip(fresh, jobs.complete(slice_job, fresh, len(fresh)), strict=True):
-            value = job.argument[2]
-            yield (
-                value,
-                {"value": value, "segments": [], "specials": [], "reason": record.reason}
-                if _failed(record)
-                else record,
+            kind, place = str(special["type"]), (float(special["value"]), value)
+            alone = (kind, str(special.get("from")), str(special.get("to")))
+            covered = any(
+                alike(kind, trace.type) and trace.steps == family[j].steps and trace.covers(place, self.sizes)
+                for trace in known
             )
+            job = self._job(trace_job, ["trace", kind, place], untraced(kind), self.axes, value, dict(special))
+            if not covered and alone not in types and job.key not in traces:
+                types.add(alone)
+                yield job
 
-    def _job(self, value: float, parent: Job | None) -> Job:
-        """The job of the branch at a value of the second parameter."""
-        asked = AtlasRequest(**{name: getattr(self, name) for name in entries(AtlasRequest)})
-        above = None if parent is None else parent.key
-        key = key_of([self.problem.digest, *map(str, self.axes), self.max_points, value, above])
-        return Job(key=key, argument=(self.problem, self.axes, value, asked), parent=above)
+    def _begun(self, traces: Mapping[str, Record]) -> Iterator[Job]:
+        """A job for every curve that begins at a codimension-two point, or passes through it, and is not traced yet."""
+        known, most = {key: _traced([record]) for key, record in traces.items()}, self._most_steps
+        begun = list[tuple[str, Array]]()
+        for key, record in traces.items():
+            for special in record["located"]:
+                place = np.array([*special["values"].values()])
+                for number, start in enumerate(special["next"]):
+                    kind, steps = start["type"], len(start.get("gait", special["gait"]).get("steps", (1,)))
+                    covered = any(
+                        alike(kind, trace.type)
+                        and trace.steps == steps
+                        and trace.covers((place[0], place[1]), self.sizes)
+                        for other, found in known.items()
+                        for trace in found
+                        if other != key
+                    ) or any(alike(kind, other) and np.allclose(place, at, rtol=SAME_VALUE) for other, at in begun)
+                    arguments = ["next", kind, place.tolist()], untraced(kind), self.axes, dict(special), number
+                    job = self._job(next_job, *arguments)
+                    if steps <= most and not covered and job.key not in traces:
+                        begun.append((kind, place))
+                        yield job
+
+    @property
+    def _most_steps(self) -> int:
+        return self.steps or len(self.problem.cycle.steps)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Range of the first parameter."""
+        return self.axes[0].lower, self.axes[0].upper
+
+    @property
+    def sizes(self) -> Array:
+        """Sizes of both ranges."""
+        return np.array([axis.upper - axis.lower for axis in self.axes])
+
+    def _completed(self, jobs: ResumableJobs, fresh: Sequence[Job]) -> dict[str, Record]:
+        """Records of jobs by their keys."""
+        found = zip(fresh, jobs.complete(atlas_job, fresh, len(fresh)), strict=True)
+        return {
+            job.key: {**job.argument[1], "reason": record.reason} if isinstance(record, FailedJob) else record
+            for job, record in found
+        }
+
+    def _branch(self, value: float, start: Job | None) -> Job:
+        """The job of the branch at a value of the second parameter, from another one."""
+        doublings = int(np.log2(max(self._most_steps // len(self.problem.cycle.steps), 1)))
+        empty, above = {"value": value, "segments": [], "specials": []}, None if start is None else start.key
+        identity = ["branch", self.max_points, doublings, value, above]
+        job = self._job(slice_job, identity, empty, self.axes, value, self.max_points, doublings)
+        return replace(job, parent=above)
+
+    def _job(self, task: Callable[..., Any], identity: Sequence[Any], empty: Record, *inputs: Any) -> Job:
+        key = key_of([self.problem.digest, *map(str, self.axes), *identity])
+        return Job(key=key, argument=(task, empty, self.problem, *inputs))
 
 
-def _slices(records: Mapping[float, Mapping[str, Any]]) -> list[Slice]:
-    return [Slice.from_record(records[value]) for value in sorted(records)]
+def _slices(records: Iterable[Record]) -> list[Slice]:
+    return sorted(map(Slice.from_record, records), key=lambda each: each.value)
 
 
-def _traced(records: Iterable[Mapping[str, Any]]) -> list[Traced]:
+def _traced(records: Iterable[Record]) -> list[Traced]:
     """The traces that were found."""
     return [
-        Traced(type=record["type"], points=np.array(record["trace"]), specials=tuple(record["located"]))
+        Traced(
+            type=record["type"],
+            points=np.array(record["trace"]),
+            specials=tuple((located["type"], tuple(located["values"].values())) for located in record["located"]),
+            steps=record["steps"],
+        )
         for record in records
         if len(record["trace"]) > 1
     ]
 
 
-def _failed(record: Any) -> bool:
-    return isinstance(record, FailedJob)
+def is_traceable(special: Record) -> bool:
+    """Whether a special point of a branch has a curve, which includes an end where a margin vanishes."""
+    within = special["type"] == "end" and not (special.get("bound") or special.get("open"))
+    return special["status"] == "converged" and (special["type"] in TRACEABLE or within) and bool(special["gait"])
 
 
-def _alternately(first: Sequence[Job], second: Sequence[Job]) -> Iterator[Job]:
-    """The jobs of two chains in turn, so that both advance at once."""
-    for k in range(max(len(first), len(second))):
-        yield from first[k : k + 1]
-        yield from second[k : k + 1]
+def atlas_job(argument: tuple[Any, ...], start: Record | None = None, should_stop: Stop = None) -> Record:
+    """One job of an atlas, in any process: its function, what it returns if it fails, and its inputs."""
+    task, _, *inputs = argument
+    return {**task(*inputs, start, should_stop)}
 
 
 def slice_job(
-    argument: tuple[Problem, tuple[Axis, Axis], float, AtlasRequest],
-    neighbour: Mapping[str, Any] | None = None,
+    problem: Problem,
+    axes: tuple[Axis, Axis],
+    value: float,
+    max_points: int,
+    doublings: int,
+    start: Record | None,
     should_stop: Stop = None,
 ) -> dict[str, Any]:
-    """The job of one branch, in any process; returns its record, without segments where no gait is found."""
-    problem, (first, second), value, request = argument
-    empty = {"value": value, "segments": [], "specials": []}
+    """A branch: its segments and special points, from a gait of another one; without segments where none is found.
+
+    Parameters
+    ----------
+    doublings : number of period doublings in a row beyond which branches are followed too.
+    """
+    first, second = axes
     reasons = list[str]()
-    for gait in _starts(problem, first, second, value, neighbour, should_stop):
+    for gait in _starts(problem, first, second, value, start, should_stop):
         if should_stop is not None and should_stop():
             raise KeyboardInterrupt
         if not gait.converged:
             reasons.append(gait.message)
             continue
-        halves = [_followed(gait, first.key, to, request, should_stop) for to in (first.lower, first.upper)]
-        segments, specials = _cut(halves, first.key)
-        return {"value": value, "segments": segments, "specials": specials}
-    return empty | {"reason": reasons[0] if reasons else "there is no gait on the branch next to it"}
+        asked = Request(
+            parameter=first.key, to=(first.lower,), lower=first.lower, upper=first.upper, max_points=max_points,
+            verify_every=0, largest_length=LARGEST_LENGTH, follow={"doublings": doublings},
+        )  # fmt: skip
+        walks = [
+            _walks(follow_family(gait, replace(asked, to=(to,)), should_stop=should_stop))
+            for to in (first.lower, first.upper)
+        ]
+        if should_stop is not None and should_stop():
+            raise KeyboardInterrupt
+        (below, *others), (above, *more) = walks
+        segments, specials = _cut([*reversed(below), *above[1:]], len(below), first.key)
+        branch: dict[str, Any] = {"value": value, "segments": segments, "specials": specials}
+        return (
+            branch | {"doubled": _doubled(branch, [below, above, *others, *more], first.key)} if doublings else branch
+        )
+    reason = reasons[0] if reasons else "there is no gait on the branch next to it"
+    return {"value": value, "segments": [], "specials": [], "reason": reason}
 
 
 def _starts(
-    problem: Problem,
-    first: Axis,
-    second: Axis,
-    value: float,
-    neighbour: Mapping[str, Any] | None,
-    should_stop: Stop,
+    problem: Problem, first: Axis, second: Axis, value: float, start: Record | None, should_stop: Stop
 ) -> Iterator[Gait]:
-    """Gaits from which a branch may be followed: that of the problem, or those next to the gaits of a neighbour.
-
-    A gait is solved directly at the place where the branch begins, else followed there, through changes of its modes.
-    """
+    """Gaits from which a branch may be followed: that of the problem, or those of another branch, each moved there."""
     inside = INSIDE * (first.upper - first.lower)
 
     def begin(at: float) -> float:
         return float(np.clip(at, first.lower + inside, first.upper - inside))
 
-    if neighbour is None:
+    if start is None:
         gait = solve(problem, should_stop=should_stop)
         there = {second.key: value, first.key: begin(problem.parameters[first.key])}
         if gait.converged:
@@ -423,17 +485,16 @@ def _starts(
         else:
             yield solve(at_point(problem, there), should_stop=should_stop)
         return
-    segments = sorted(Slice.from_record(neighbour).segments, key=lambda segment: segment.middle["spectral_radius"] or 0)
+    segments = sorted(Slice.from_record(start).segments, key=lambda segment: segment.middle["spectral_radius"] or 0)
     for segment in segments:
         known = segment.middle
-        beside = {first.key: begin(known["value"]), second.key: neighbour["value"]}
-        for at in (beside | {second.key: value}, beside):
-            try:
-                gait = solve_sequence(at_point(problem, at).with_gait(known), should_stop=should_stop)
-            except (ProblemError, SolveError):
-                continue
-            if gait.converged:
-                yield from _moved(gait, {second.key: value}, should_stop)
+        beside = {first.key: begin(known["value"]), second.key: start["value"]}
+        try:
+            gait = solve_sequence(at_point(problem, beside).with_gait(known), should_stop=should_stop)
+        except (ProblemError, SolveError):
+            continue
+        if gait.converged:
+            yield from _moved(gait, {second.key: value}, should_stop)
 
 
 def _moved(gait: Gait, there: Mapping[str, float], should_stop: Stop) -> Iterator[Gait]:
@@ -441,7 +502,9 @@ def _moved(gait: Gait, there: Mapping[str, float], should_stop: Stop) -> Iterato
     for key, value in there.items():
         if gait.dynamics.parameter(key) == value:
             continue
-        request = Request(parameter=key, to=(value,), max_points=MOVING_POINTS, verify_every=0)
+        request = Request(
+            parameter=key, to=(value,), max_points=MOVING_POINTS, verify_every=0, largest_length=LARGEST_LENGTH
+        )
         points = [r for r in follow_family(gait, request, should_stop=should_stop) if isinstance(r, BranchPoint)]
         if not points or abs(points[-1].value - value) > SAME_VALUE * abs(value):
             return
@@ -449,28 +512,41 @@ def _moved(gait: Gait, there: Mapping[str, float], should_stop: Stop) -> Iterato
     yield gait
 
 
-def _followed(
-    gait: Gait, key: str, to: float, request: AtlasRequest, should_stop: Stop
-) -> list[BranchPoint | SpecialPoint]:
-    """The branch from a gait towards a bound."""
-    asked = Request(parameter=key, to=(to,), max_points=request.max_points, verify_every=0)
-    records = list(follow_family(gait, asked, should_stop=should_stop))
-    if should_stop is not None and should_stop():
-        raise KeyboardInterrupt
-    return records
+def _walks(records: Iterable[BranchPoint | SpecialPoint]) -> list[list[BranchPoint | SpecialPoint]]:
+    """The records of a family, then those of every branch of doubled gaits: each up to its end."""
+    walks = list[list[BranchPoint | SpecialPoint]]([[]])
+    for record in records:
+        if walks[-1] and isinstance(walks[-1][-1], SpecialPoint) and walks[-1][-1].type in TERMINAL:
+            walks.append([])
+        walks[-1].append(record)
+    return walks
+
+
+def _doubled(branch: Record, walks: Sequence[Sequence[BranchPoint | SpecialPoint]], key: str) -> list[dict[str, Any]]:
+    """The branches of doubled gaits that begin at the period doublings of a branch; ``walks`` are all of its family."""
+    begun, found = {special["value"] for special in branch["specials"]}, list[dict[str, Any]]()
+    for walk in walks:
+        first = next(record.branch for record in walk)
+        origins = (r for other in walks for r in other if isinstance(r, SpecialPoint) and first in r.next)
+        origin = next((r for r in origins if r.type == "period_doubling"), None)
+        if origin is not None and origin.value in begun:
+            segments, specials = _cut([origin, *walk], 0, key)
+            own = {"segments": segments, "specials": specials}
+            if segments:
+                found.append({**own, "doubled": _doubled(own, walks, key)})
+    return found
 
 
 def _cut(
-    halves: Sequence[Sequence[BranchPoint | SpecialPoint]], key: str
+    chain: Sequence[BranchPoint | SpecialPoint], backwards: int, key: str
 ) -> tuple[list[list[dict[str, Any]]], list[dict[str, Any]]]:
-    """Segments and special points of a branch, from its halves towards the lower and the upper bound.
+    """Segments and special points of a branch, of which so many records at the beginning were followed backwards.
 
     Between two special points that are closer than two points of the branch, the gait in their middle is solved; where
     that fails the segment is left out, with the first of the two.
     """
-    chain, backwards = [*reversed(halves[0]), *halves[1][1:]], len(halves[0])
     cuts = [k for k, record in enumerate(chain) if isinstance(record, SpecialPoint)]
-    segments, specials = list[list[dict[str, Any]]](), [_special(chain[cuts[0]], backwards=True)]
+    segments, specials = list[list[dict[str, Any]]](), [_special(chain[cuts[0]], backwards=backwards > 0)]
     for first, last in pairwise(cuts):
         points = [(r.gait, r.value) for r in chain[first + 1 : last] if isinstance(r, BranchPoint)]
         points = points or _between(chain[first], chain[last], key)
@@ -499,14 +575,9 @@ def _between(first: BranchPoint | SpecialPoint, last: BranchPoint | SpecialPoint
 def _special(special: BranchPoint | SpecialPoint, *, backwards: bool) -> dict[str, Any]:
     """A special point as it is stored; ``backwards`` if the branch was followed towards the lower bound."""
     assert isinstance(special, SpecialPoint)
-    record: dict[str, Any] = {"type": special.type, "value": special.value, "status": special.status}
-    stated = dict(special.to_record())
-    sides = ("to", "from") if backwards else ("from", "to")
-    record |= {side: stated[other] for side, other in zip(("from", "to"), sides, strict=True) if other in stated}
-    record |= {key: stated[key] for key in ("contact", "reason", "bound", "open") if stated.get(key)}
-    if special.gait is not None:
-        record["multipliers"] = dict(special.gait.to_record())["multipliers"]
-    return record
+    if backwards:
+        special = replace(special, before=special.after, after=special.before)
+    return dict(special.to_record())
 
 
 def _thinned(points: Sequence[tuple[Gait, float]]) -> list[tuple[Gait, float]]:
@@ -521,56 +592,60 @@ def _point(gait: Gait, value: float) -> dict[str, Any]:
 
 
 def trace_job(
-    argument: tuple[Problem, tuple[Axis, Axis], float, Mapping[str, Any], Mapping[str, Any]],
-    _: None = None,
-    should_stop: Stop = None,
+    problem: Problem, axes: tuple[Axis, Axis], value: float, special: Any, _: None = None, should_stop: Stop = None
 ) -> dict[str, Any]:
-    """The job of one curve, in any process: it is traced from one of its special points to both bounds of the range.
-
-    The special point is located again from a gait next to it.
-    """
-    problem, (first, second), value, special, start = argument
-    record: dict[str, Any] = {"type": special["type"], "trace": [], "located": []}
-    there = at_point(problem, {first.key: start["value"], second.key: value})
+    """The curve of a special point of the branch at a value of the second parameter, to both bounds of the range."""
+    first, second = (axis.key for axis in axes)
+    family = traced_family(at_point(problem, {second: value}), first, second)
     try:
-        gait = solve_sequence(there.with_gait(start), should_stop=should_stop)
-        beyond = special["value"] + (special["value"] - start["value"])
-        passing = Request(
-            parameter=first.key, to=(float(np.clip(beyond, first.lower, first.upper)),), max_points=25, verify_every=0
-        )
-        near = ACROSS * abs(special["value"] - start["value"]) + SAME_VALUE * (first.upper - first.lower)
-        point = next(
-            found
-            for found in follow_family(gait, passing, should_stop=should_stop)
-            if isinstance(found, SpecialPoint)
-            and found.type == special["type"]
-            and abs(found.value - special["value"]) < near
-        )
-        targets = tuple(bound for bound in (second.lower, second.upper) if bound != value)
-        request = TraceRequest(
-            key=second.key, to=targets, lower=first.lower, upper=first.upper, max_points=200, verify_every=0
-        )
-        halves = [list(group) for group in _by_target(follow_curve(point, request, should_stop=should_stop))]
-    except (ProblemError, SolveError, StopIteration) as error:
-        return record | {"reason": str(error) or "the special point is not found again"}
+        start = curve_start(special_point(family, first, special))
+    except (ProblemError, SolveError) as error:
+        return untraced(special["type"]) | {"reason": str(error)}
+    return _both_ways(start, special["type"], axes, should_stop)
+
+
+def next_job(
+    problem: Problem, axes: tuple[Axis, Axis], special: Any, number: int, _: None = None, should_stop: Stop = None
+) -> dict[str, Any]:
+    """A curve that begins at a codimension-two point, or passes through it, to both bounds of the range."""
+    first, second = (axis.key for axis in axes)
+    point = trace_special(traced_family(problem, first, second), first, special)
+    return _both_ways(point.next[number], special["next"][number]["type"], axes, should_stop)
+
+
+def untraced(kind: str) -> dict[str, Any]:
+    """The record of a curve that was not traced."""
+    return {"type": kind, "steps": 1, "trace": [], "located": []}
+
+
+def _both_ways(start: CurveStart, kind: str, axes: tuple[Axis, Axis], should_stop: Stop) -> dict[str, Any]:
+    """The record of a curve that is traced from its start to both bounds of the range."""
+    first, second = axes
+    value = start.gait.dynamics.parameter(second.key)
+    targets = tuple(
+        to for to in (second.lower, second.upper) if abs(to - value) > SAME_VALUE * (second.upper - second.lower)
+    )
+    asked = TraceRequest(
+        key=second.key, to=targets, lower=first.lower, upper=first.upper, max_points=MOST_TRACED, verify_every=0
+    )
+    record = untraced(kind) | {"steps": len(start.gait.steps)}
+    try:
+        halves = [list(group) for group in _by_target(follow_curve(start, asked, should_stop=should_stop))]
+    except (ProblemError, SolveError) as error:
+        return record | {"reason": str(error)}
     if should_stop is not None and should_stop():
         raise KeyboardInterrupt
-    chains = [
-        [[each.values[first.key], each.values[second.key]] for each in half if isinstance(each, TracePoint)]
-        + [[half[-1].values[first.key], half[-1].values[second.key]]]
-        for half in halves
-    ]
-    chain = chains[0] if len(chains) == 1 else [*reversed(chains[0]), *chains[1][1:]]
+    chains = list[list[list[float]]]()
+    for half in halves:  # a curve ends at its last point, or at a special point beyond that
+        *points, last = ([*each.values.values()] for each in half if isinstance(each, TracePoint) or each is half[-1])
+        chains.append([*points, last] if last != points[-1] else points)
     located = [
-        {
-            "type": each.type,
-            "values": [each.values[first.key], each.values[second.key]],
-            "coefficients": dict(each.coefficients),
-        }
+        each.to_record()
         for half in halves
         for each in half
         if isinstance(each, TraceSpecial) and each.codimension > 1 and each.status == "converged" and each.type != "end"
     ]
+    chain = chains[0] if len(chains) == 1 else [*reversed(chains[0]), *chains[1][1:]]
     return record | {"trace": chain, "located": located}
 
 
@@ -585,12 +660,9 @@ def _by_target(records: Iterable[TracePoint | TraceSpecial]) -> Iterator[list[Tr
 
 
 def check_job(
-    argument: tuple[Problem, dict[str, float], Mapping[str, Any]],
-    _: None = None,
-    should_stop: Stop = None,
+    problem: Problem, at: dict[str, float], known: Record, _: None = None, should_stop: Stop = None
 ) -> dict[str, Any]:
-    """The job of a region, in any process: its gait, solved and verified; null with the reason where that fails."""
-    problem, at, known = argument
+    """The gait of a region, solved and verified; null with the reason where that fails."""
     try:
         gait = solve_sequence(at_point(problem, at).with_gait(known), should_stop=should_stop)
     except (ProblemError, SolveError) as error:

@@ -5,6 +5,7 @@ names beside them, where these cover no curve and no other name.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import cycle
 from typing import Any
 
@@ -18,12 +19,12 @@ from matplotlib.path import Path as Outline
 from matplotlib.tri import Triangulation
 
 from gaitopt.arrays import Array
-from gaitopt.gait.regions import NO_GAIT, UNKNOWN, Region
+from gaitopt.gait.regions import NO_GAIT, UNKNOWN, Junction, Region
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.runs.atlas import Atlas
 from gaitopt.runs.grid import Axis
 from gaitopt.show.branches import write_beside
-from gaitopt.show.style import CURVES, NEUTRAL, entry, figure_style, label, legend_below, panels
+from gaitopt.show.style import CURVES, NEUTRAL, Label, entry, figure_style, label, legend_below, panels
 
 Record = Mapping[str, Any]
 
@@ -75,8 +76,7 @@ def atlas_figure(atlas: Atlas, name: str = REGIONS) -> Figure:
     sheet = int(name.partition(".")[2] or 0)
     figure, (axes,) = panels(height=HEIGHT)
     found, handles = atlas.arrangement, list[Any]()
-    sequences = dict.fromkeys(region.words for region in found.regions if region.unstable is not None)
-    tints = dict(zip(sequences, map(_tint, cycle(CURVES)), strict=False)) | EMPTY
+    tints = dict(zip(sequences(atlas), map(_tint, cycle(CURVES)), strict=False)) | EMPTY
     shown = [region for region in found.regions if region.sheet in (sheet, -1) and region.pieces]
     with figure_style():
         for region in shown:
@@ -84,9 +84,9 @@ def atlas_figure(atlas: Atlas, name: str = REGIONS) -> Figure:
         drawn = [curve for curve in found.curves if curve.sheet == sheet]
         for curve in drawn:
             _, colour, style, width = LINES.get(curve.type, (curve.type, NEUTRAL, "-", 1.0))
-            axes.plot(*_shown(curve.points, atlas.axes).T, color=colour, linestyle=style, linewidth=width, zorder=3)
+            axes.plot(*shown_in(curve.points, atlas.axes).T, color=colour, linestyle=style, linewidth=width, zorder=3)
         points = [junction for junction in found.junctions if junction.sheet == sheet]
-        places = [tuple(_shown(np.array([junction.values]), atlas.axes)[0].tolist()) for junction in points]
+        places = [tuple(shown_in(np.array([junction.values]), atlas.axes)[0].tolist()) for junction in points]
         for place in places:
             axes.plot(*place, "o", color="black", markerfacecolor="white", markersize=5, zorder=5)
         if name in SCALARS:
@@ -96,9 +96,9 @@ def atlas_figure(atlas: Atlas, name: str = REGIONS) -> Figure:
     axes.grid(visible=False)
     for side in ("top", "right"):
         axes.spines[side].set_visible(True)
-    axes.set_xlabel(axis_label(first, atlas))
-    axes.set_ylabel(axis_label(second, atlas))
-    texts = [NAMES.get(junction.name, junction.name.replace("_", " ")) for junction in points]
+    axes.set_xlabel(str(axis_label(first, atlas)))
+    axes.set_ylabel(str(axis_label(second, atlas)))
+    texts = [point_name(junction) for junction in points]
     write_beside(axes, [(text, *place) for text, place in zip(texts, places, strict=True)], AWAY, LETTER)
     words = {region.words: Patch(facecolor=tints[region.words], edgecolor=NEUTRAL, linewidth=0.5) for region in shown}
     for text, patch in words.items():
@@ -116,10 +116,20 @@ def atlas_figure(atlas: Atlas, name: str = REGIONS) -> Figure:
     return figure
 
 
-def axis_label(axis: Axis, atlas: Atlas) -> str:
+def point_name(junction: Junction) -> str:
+    """The name of a codimension-two point beside its marker."""
+    return NAMES.get(junction.name, junction.name.replace("_", " "))
+
+
+def sequences(atlas: Atlas) -> tuple[str, ...]:
+    """The mode sequences of an atlas, in the order of their colours."""
+    return tuple(dict.fromkeys(r.words for r in atlas.arrangement.regions if r.unstable is not None))
+
+
+def axis_label(axis: Axis, atlas: Atlas) -> Label:
     """Label of an axis, in degrees if its range was given so."""
     written = label(axis.key, atlas.problem)
-    return f"{written.words} [°]" if axis.unit == "deg" else str(written)
+    return replace(written, unit="°") if axis.unit == "deg" else written
 
 
 def _ends(axis: Axis) -> tuple[float, float]:
@@ -127,8 +137,8 @@ def _ends(axis: Axis) -> tuple[float, float]:
     return low, high
 
 
-def _shown(points: Array, axes: tuple[Axis, Axis]) -> Array:
-    """Points in the units of the axes of the picture."""
+def shown_in(points: Array, axes: tuple[Axis, Axis]) -> Array:
+    """Points in the units of the axes of the picture; shape (n, 2)."""
     factors = [np.degrees(1.0) if axis.unit == "deg" else 1.0 for axis in axes]
     return np.asarray(points * factors)
 
@@ -140,7 +150,7 @@ def _tint(colour: str) -> str:
 
 def _fill(axes: Axes, region: Region, tint: str, ranges: tuple[Axis, Axis]) -> None:
     """Fill the polygons of a region as one; the thin edge closes the gaps between them."""
-    outlines = [_oriented(_shown(piece, ranges)) for piece in region.pieces if len(piece) > 2]
+    outlines = [_oriented(shown_in(piece, ranges)) for piece in region.pieces if len(piece) > 2]
     if not outlines:
         return
     vertices = np.concatenate([np.vstack([outline, outline[:1]]) for outline in outlines])
@@ -185,7 +195,7 @@ def _contours(axes: Axes, atlas: Atlas, scalar: str, sheet: int) -> list[Line2D]
         ]
         if len({row[1] for row in rows}) < 2 or len(rows) < 3:
             continue
-        places = _shown(np.array(rows)[:, :2], atlas.axes)
+        places = shown_in(np.array(rows)[:, :2], atlas.axes)
         triangles = _triangles(places, region, atlas)
         lines = axes.tricontour(
             triangles, [row[2] for row in rows], levels=levels, colors="#333333", linewidths=0.6, linestyles=":"

@@ -1,4 +1,4 @@
-"""Pages as single HTML files: the moving walker; reports of gaits, of a branch, of a walk; walks to choose from.
+"""Pages as single HTML files: the moving walker; reports of gaits, branches, atlases and walks; walks to choose from.
 
 A page has templates, scripts, style sheets and data in one file and needs no network. The report of a branch has a
 diagram over the continued parameter, in which each gait can be selected. The report of a walk lists its states step by
@@ -11,20 +11,25 @@ from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from html import escape
+from itertools import cycle
 from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from gaitopt.arrays import Array
 from gaitopt.design.derivatives import derivatives
 from gaitopt.errors import SolveError
 from gaitopt.gait.branch import cascades, ends_by_request
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.regions import NO_GAIT, UNKNOWN
 from gaitopt.model.section import cycle_start
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, relevant_scalars, scalar_values, state_unit
+from gaitopt.runs.atlas import Atlas
+from gaitopt.show.atlases import LINES, axis_label, point_name, sequences, shown_in
 from gaitopt.show.branches import OF_EACH_STEP
 from gaitopt.show.film import film, pack
 from gaitopt.show.gaits import ROUNDING, section_states
@@ -53,6 +58,10 @@ FRAMES = 30
 """Number of frames of a step at one point of a branch; a page with 200 points is then well below a megabyte."""
 STROKES = {"-": "stick", SLIP_DASHES: "slip", FLIGHT_DOTS: "flight"}
 """The names that ``curves.js`` uses for line styles."""
+COLOURS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
+"""The names that ``theme.css`` uses for colours."""
+MOST_PLACES = 300
+"""About as many gaits of an atlas are on its page; it is then about two megabytes large."""
 POINTS = 17
 """Number of Chebyshev points of a phase of a branch: seven digits are accurate, more than a page can show."""
 
@@ -213,7 +222,7 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
             "branch": point["branch"],
             "value": point["value"],
             **_of_each_step(point),
-            **numbers(_without(parameter, point)),
+            **numbers(_without([parameter], point)),
         }
         for point, moving in zip(shown.shown(points), films, strict=True)
     ]
@@ -228,11 +237,101 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
             "specials": specials,
             "cascades": [str(cascade) for cascade in cascades(shown.shown(records))],
             "parameter": asdict(shown.label),
-            **words(films, [_without(parameter, point) for point in points], problem),
+            **words(films, [_without([parameter], point) for point in points], problem),
         },
         checks=[],
         origins=[provenance(problem, {})],
     )
+
+
+def atlas_report(atlas: Atlas) -> str:
+    """HTML of an atlas: a map, and the gait of the place that the reader points at.
+
+    Raises
+    ------
+    ValueError
+        If no branch of the atlas has a gait.
+    """
+    keys, ranges, found = [axis.key for axis in atlas.axes], atlas.axes, atlas.arrangement
+    places = [(number, place) for number, region in enumerate(found.regions) for place in region.places]
+    if not places:
+        raise ValueError(f"the atlas of {atlas.problem.name} has no gaits")
+    each = max(1, MOST_PLACES // len(places))
+    chosen: list[tuple[int, tuple[float, ...], Record]] = [
+        (number, tuple(known["at"].values()), known["gait"])
+        for number, known in enumerate(atlas.gaits)
+        if known.get("gait") is not None
+    ]
+    for number, (j, i) in places:
+        points = atlas.slices[j].segments[i].points
+        thinned_points = points[:: -(-len(points) // each)]
+        chosen += [(number, (point["value"], atlas.slices[j].value), point) for point in thinned_points]
+    dynamics = problem_dynamics(atlas.problem.replace(dict(zip(keys, chosen[0][1], strict=True))))
+    films: list[Record] = []
+    for _, place, record in chosen:
+        moved = dynamics.at(dict(zip(keys, place, strict=True)))
+        films.append(film(motion_from_record(moved, record, name=atlas.problem.name, points=POINTS), FRAMES))
+    common, colours = _common(films), dict(zip(sequences(atlas), cycle(COLOURS), strict=False))
+    gaits = [
+        {
+            "film": {key: value for key, value in moving.items() if key not in common},
+            "region": number,
+            "sheet": found.regions[number].sheet,
+            "place": _short_points(shown_in(np.array([place]), ranges))[0],
+            **_of_each_step(record),
+            **numbers(_without(keys, record)),
+        }
+        for (number, place, record), moving in zip(chosen, films, strict=True)
+    ]
+    labels = [axis_label(axis, atlas) for axis in ranges]
+    ends = shown_in(np.array([[axis.lower for axis in ranges], [axis.upper for axis in ranges]]), ranges).T.tolist()
+    return render(
+        "atlas.html",
+        title=f"{atlas.problem.name} over {' and '.join(written.words for written in labels)}",
+        about=atlas.problem.about,
+        data={
+            "common": common,
+            "gaits": gaits,
+            "axes": [{**asdict(written), "range": span} for written, span in zip(labels, ends, strict=True)],
+            "regions": [
+                {
+                    "words": region.words.replace("_", " "),
+                    "unstable": region.unstable,
+                    "sheet": region.sheet,
+                    "colour": colours.get(region.words, "empty" if region.words == NO_GAIT else UNKNOWN),
+                    "part": region.area / atlas.area,
+                    "outlines": [_short_points(shown_in(piece, ranges)) for piece in region.pieces if len(piece) > 2],
+                }
+                for region in found.regions
+            ],
+            "curves": [
+                {
+                    "type": curve.type,
+                    "words": LINES[curve.type][0] if curve.type in LINES else curve.type,
+                    "sheet": curve.sheet,
+                    "points": _short_points(shown_in(curve.points, ranges)),
+                }
+                for curve in found.curves
+            ],
+            "points": [
+                {
+                    "words": point_name(junction),
+                    "sheet": junction.sheet,
+                    "within": junction.within,
+                    "place": shown_in(np.array([junction.values]), ranges)[0].tolist(),
+                }
+                for junction in found.junctions
+            ],
+            **words(films, [_without(keys, record) for _, _, record in chosen], atlas.problem),
+        },
+        checks=[],
+        origins=[provenance(atlas.problem, {})],
+    )
+
+
+def _short_points(points: Array) -> list[list[float]]:
+    """Points with as many digits as a page can show."""
+    return [[float(f"{value:.6g}") for value in point] for point in points.tolist()]
 
 
 def _common(films: Sequence[Record]) -> Record:
@@ -289,9 +388,9 @@ def _rounded(value: float) -> float:
     return float(f"{value:.7g}")
 
 
-def _without(parameter: str, point: Record) -> Record:
-    """A point without the continued parameter among its freed ones."""
-    return {**point, "parameters": {key: value for key, value in point["parameters"].items() if key != parameter}}
+def _without(moved: Sequence[str], point: Record) -> Record:
+    """A point without the continued parameters among its freed ones."""
+    return {**point, "parameters": {key: value for key, value in point["parameters"].items() if key not in moved}}
 
 
 def _special(record: Record) -> dict[str, Any]:

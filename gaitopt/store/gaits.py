@@ -168,7 +168,11 @@ def trace_point(family: Gait, record: TracePointRecord) -> TracePoint:
 
 def trace_special(family: Gait, parameter: str, record: TraceSpecialRecord) -> TraceSpecial:
     """The special point of a curve in two parameters from its record; ``parameter`` is the first one."""
-    gait = branch_gait(family, record["values"], record["gait"])
+    gait, starts = branch_gait(family, record["values"], record["gait"]), list[CurveStart]()
+    for start in record["next"]:
+        own = start.get("gait")
+        begins = gait if own is None else branch_gait(family, {k: own["parameters"][k] for k in record["values"]}, own)
+        starts.append(CurveStart.from_record(start, parameter, begins))
     return TraceSpecial(
         curve=record["curve"],
         type=record["type"],
@@ -177,7 +181,7 @@ def trace_special(family: Gait, parameter: str, record: TraceSpecialRecord) -> T
         status=record["status"],
         reason=record["reason"],
         coefficients=record["coefficients"],
-        next=tuple(CurveStart.from_record(start, parameter, gait) for start in record["next"]),
+        next=tuple(starts),
         before=Cycle.from_record(record["from"]) if "from" in record else None,
         after=Cycle.from_record(record["to"]) if "to" in record else None,
         bound=record.get("bound", False),

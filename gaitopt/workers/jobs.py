@@ -11,6 +11,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from queue import Empty, Queue
@@ -57,10 +58,37 @@ class FailedJob:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workers:
-    """Where jobs run: on a Dask ``scheduler`` with this address, in ``count`` processes, or in this one if it is 1."""
+    """Where jobs run: on a Dask ``scheduler`` with this address, in ``count`` processes, or in this one if it is 1.
+
+    Attributes
+    ----------
+    lasting : a stack that ends the processes, and the client of those that run already; None if every call of
+        ``run_jobs`` starts processes of its own.
+    """
 
     count: int = field(default_factory=lambda: os.cpu_count() or 1)
     scheduler: str | None = None
+    lasting: tuple[ExitStack, list[Any]] | None = field(default=None, repr=False, compare=False)
+
+    @contextmanager
+    def kept(self) -> Iterator["Workers"]:
+        """The same workers, whose processes serve all calls of ``run_jobs`` in the block; the first one starts them."""
+        with ExitStack() as stack:
+            yield replace(self, lasting=(stack, []))
+
+    @contextmanager
+    def connected(self, jobs: int) -> Iterator[Any]:
+        """A Dask client for this many jobs."""
+        from gaitopt.workers.cluster import connected  # slow to import, and not needed for one process
+
+        if self.lasting is None:
+            with connected(jobs, self.scheduler) as client:
+                yield client
+            return
+        stack, clients = self.lasting
+        if not clients:
+            clients.append(stack.enter_context(connected(self.count, self.scheduler)))
+        yield clients[0]
 
 
 def make_workers(count: int | None, scheduler: str | None) -> Workers:
@@ -109,9 +137,7 @@ def run_jobs(
         return
     first = list(islice(jobs, workers.count))
     if first:
-        from gaitopt.workers.cluster import connected  # slow to import, and not needed for one process
-
-        with connected(len(first), workers.scheduler) as client:
+        with workers.connected(len(first)) as client:
             yield from _Submissions(client, task, chain(first, jobs), known).results(should_stop)
 
 
@@ -136,6 +162,12 @@ class ResumableJobs:
     progress: Counted = None
     should_stop: Stop = None
     limit: TimeLimit = field(default_factory=TimeLimit)
+
+    @contextmanager
+    def kept(self) -> Iterator["ResumableJobs"]:
+        """The same jobs with workers whose processes serve all calls of ``complete`` in the block."""
+        with self.workers.kept() as workers:
+            yield replace(self, workers=workers)
 
     def complete(self, task: Callable[..., Any], jobs: Iterable[Job], total: int) -> list[Any]:
         """Do the jobs that have no result yet; returns the results of all jobs in their order.

@@ -4,12 +4,19 @@ import math
 import re
 
 import pytest
-from pictured import TORSO, branch, gait
+from pictured import TORSO, atlas, branch, gait
 
 from gaitopt import simulate
 from gaitopt.show.film import FilmContactRecord, FilmPhaseRecord, FilmRecord
 from gaitopt.show.motion import motion_of
-from gaitopt.show.pages import animation_page, branch_report, comparison_report, walk_report, walks_page
+from gaitopt.show.pages import (
+    animation_page,
+    atlas_report,
+    branch_report,
+    comparison_report,
+    walk_report,
+    walks_page,
+)
 
 FORCE = ".walker .force"
 UNROLLED = "return { ...film, phases, columns };"
@@ -62,6 +69,33 @@ def test_a_low_and_long_walker_is_whole_in_the_picture(visit):
         line = page.locator(".walker .leg").nth(k).bounding_box()
         assert frame["x"] <= line["x"]
         assert line["x"] + line["width"] <= frame["x"] + frame["width"]
+
+
+def test_a_place_of_an_atlas_shows_its_gait_in_its_region_on_its_sheet(visit):
+    page = visit(atlas_report(atlas()), motion="reduce")
+    heading, map_ = page.locator("article h2"), page.locator(".map svg[role=img]")
+    assert page.locator(".map path.region").count() == 2
+    assert page.locator(".map path.unstable-area").count() == 1
+    assert "Neimark" in page.locator(".map .key").inner_text()
+    box = map_.bounding_box()
+    chosen = []
+    for part, stability in ((0.25, "unstable"), (0.85, "stable")):
+        page.mouse.click(box["x"] + part * box["width"], box["y"] + 0.4 * box["height"])
+        assert page.locator("article .badge").inner_text() == stability
+        assert page.locator("article svg.walker").count() == 1
+        assert page.locator("figure", has_text="Floquet multipliers").locator("circle").count() >= 3
+        assert page.locator("figure", has_text="Force ratio").locator("rect.beyond").count() >= 1
+        chosen.append(heading.inner_text())
+    assert len(set(chosen)) == 2
+    assert all("°" in words and "μ = " in words for words in chosen)
+    map_.focus()
+    page.keyboard.press("ArrowDown")
+    assert heading.inner_text() != chosen[-1]
+    page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 0.5 * box["height"])
+    assert page.locator(".tip").inner_text().endswith("unstable")
+    page.get_by_role("button", name="sheet 2").click()
+    assert page.locator("article p").first.inner_text().count("2 times") == 1
+    assert page.evaluate("document.documentElement.scrollWidth") <= page.evaluate("innerWidth")
 
 
 def test_the_speed_can_be_chosen(visit):

@@ -7,7 +7,6 @@ const SPECIAL_WORDS = {
 };
 const LOG = 10; // multipliers beyond this go on a log axis
 const SMALLEST = 1e-3; // height of a multiplier of zero on that axis
-const WRITTEN = 42; // width of a value beside a mark [pixels]
 const BELOW = 0.05; // more room below the lowest mark, for its value, relative to the range
 const NEAR = 40; // largest distance of the pointer from a gait that it selects [pixels]
 
@@ -41,8 +40,7 @@ function specialKey(specials) {
 class BranchDiagram {
   constructor(host, data, choose) {
     Object.assign(this, { ...data, choose, chosen: 0 });
-    const { words, unit } = this.parameter;
-    this.axis = unit ? `${words} [${unit}]` : words;
+    this.axis = axisOf(this.parameter);
     this.numbers = [...new Set(this.gaits.map((gait) => gait.branch))];
     const keys = Object.keys(this.scalars).filter((key) => this.gaits.some((gait) => typeof gait.scalars[key] === "number"));
     this.quantity = html("select", { id: "quantity" }, ...keys.map((key) => html("option", { value: key }, this.scalars[key].words)));
@@ -90,8 +88,7 @@ class BranchDiagram {
     const drawn = this.gaits.filter((gait) => typeof this.value(gait) === "number");
     this.log = key === "spectral_radius" && drawn.some((gait) => this.value(gait) > LOG);
     const level = key === "spectral_radius" ? [this.height(1)] : [];
-    const { words, unit } = this.scalars[key];
-    const options = { title: `${words} over ${this.parameter.words}`, x: this.axis, y: unit ? `${words} [${unit}]` : words, height: 340 };
+    const options = { title: `${this.scalars[key].words} over ${this.parameter.words}`, x: this.axis, y: axisOf(this.scalars[key]), height: 340 };
     options.xRange = extent(this.gaits.map((gait) => gait.value));
     const [low, high] = extent([...drawn.flatMap((gait) => this.values(gait).map((value) => this.height(value))), ...level]);
     options.yRange = [low - BELOW * (high - low), high];
@@ -108,7 +105,7 @@ class BranchDiagram {
     level.forEach((y) => chart.level(y, "axis faint"));
     this.numbers.forEach((number, n) => this.paintBranch(chart, this.joined(number), COLOURS[n % COLOURS.length]));
     const marks = this.specials.flatMap((special) => this.paintSpecial(chart, special));
-    this.writeValues(chart, marks);
+    writeBeside(chart, marks);
     this.marker = svg(chart.svg, "circle", { class: "chosen", r: 7 });
     this.mark();
     chart.svg.addEventListener("pointermove", (event) => this.hover(event));
@@ -146,7 +143,7 @@ class BranchDiagram {
     for (const point of line.filter(({ dot }) => dot)) points(point).forEach((place) => chart.dot(...place, `dot ${colour}`, 2));
   }
 
-  // Mark a special point; its places as [value, x, y, written].
+  // Mark a special point; its places with the value that is written beside them, as [text, x, y].
   paintSpecial(chart, special) {
     const own = special.scalars[this.quantity.value];
     const nearest = this.gaits[this.nearestTo(special)];
@@ -157,27 +154,8 @@ class BranchDiagram {
       const [a, b] = [chart.px(special.value), chart.py(this.height(y))];
       const mark = svg(chart.svg, "path", { class: `special ${special.type}`, d: markPath(special.type, a, b, size) });
       svg(mark, "title").textContent = SPECIAL_WORDS[special.type] ?? special.type;
-      return [special.value, a, b, k === 0 && special.type in MARKS];
+      return [k === 0 && special.type in MARKS ? String(Number(special.value.toPrecision(4))) : "", a, b];
     });
-  }
-
-  // Write values beside their marks: over no other mark or value, and over as little of the curves as possible.
-  writeValues(chart, marks) {
-    const taken = marks.map(([, x, y]) => [x - 8, x + 8, y - 8, y + 8]);
-    const curves = [...chart.svg.querySelectorAll("path.curve")].flatMap((path) => Array.from({ length: Math.ceil(path.getTotalLength() / 3) }, (_, k) => path.getPointAtLength(3 * k)));
-    for (const [value, x, y] of marks.filter(([, , , written]) => written)) {
-      const options = [[1, -1], [-1, -1], [1, 1], [-1, 1]].map(([right, down]) => {
-        const [a, b] = [x + 9 * right, y + (down > 0 ? 20 : -9)];
-        const box = [Math.min(a, a + WRITTEN * right), Math.max(a, a + WRITTEN * right), b - 12, b + 1];
-        const free = taken.every(([left, end, top, bottom]) => box[0] > end || box[1] < left || box[2] > bottom || box[3] < top);
-        const covered = curves.filter((point) => point.x > box[0] && point.x < box[1] && point.y > box[2] && point.y < box[3]).length;
-        return { a, b, box, right, covered, fits: free && box[0] >= 0 && box[1] <= chart.width && box[2] >= 0 && box[3] <= chart.py(chart.yRange[0]) };
-      }).filter(({ fits }) => fits);
-      if (!options.length) continue;
-      const { a, b, box, right } = options.reduce((best, option) => (option.covered < best.covered ? option : best));
-      taken.push(box);
-      chart.text(a, b, String(Number(value.toPrecision(4))), right > 0 ? "start" : "end");
-    }
   }
 
   // Index of the gait under the pointer, or -1.
@@ -210,7 +188,7 @@ class BranchDiagram {
   }
 
   describe(gait) {
-    return `${this.parameter.words} ${this.amount(gait.value)}, ${this.scalars[this.quantity.value].words} ${shown(this.value(gait))}, ${sequence(gait.film)}`;
+    return `${this.parameter.words} ${amount(gait.value, this.parameter)}, ${this.scalars[this.quantity.value].words} ${shown(this.value(gait))}, ${sequence(gait.film)}`;
   }
 
   select(index) {
@@ -219,13 +197,7 @@ class BranchDiagram {
     const gait = this.gaits[index];
     this.slider.setAttribute("aria-valuetext", this.describe(gait));
     this.mark();
-    this.choose(gait, `Branch ${gait.branch}, ${this.parameter.words} = ${this.amount(gait.value)}`);
-  }
-
-  // A value of the parameter with its unit.
-  amount(value) {
-    const { unit } = this.parameter;
-    return `${shown(value)}${unit === "°" || !unit ? unit : ` ${unit}`}`;
+    this.choose(gait, `Branch ${gait.branch}, ${this.parameter.words} = ${amount(gait.value, this.parameter)}`);
   }
 
   // Select a gait and bring it into view.
@@ -261,7 +233,7 @@ class BranchDiagram {
   specialList() {
     const list = html("ul", { class: "specials" });
     for (const special of this.specials) {
-      const words = `${special.bound ? "the request ends" : SPECIAL_WORDS[special.type] ?? special.type} at ${this.amount(special.value)} (branch ${special.branch}${special.next?.length ? ` to ${special.next.join(", ")}` : ""}${special.status === "guess" ? ", only bracketed" : ""})`;
+      const words = `${special.bound ? "the request ends" : SPECIAL_WORDS[special.type] ?? special.type} at ${amount(special.value, this.parameter)} (branch ${special.branch}${special.next?.length ? ` to ${special.next.join(", ")}` : ""}${special.status === "guess" ? ", only bracketed" : ""})`;
       const button = html("button", { type: "button" }, words);
       const nearest = this.nearestTo(special);
       button.disabled = nearest < 0;

@@ -2,11 +2,12 @@
 
 const MARGIN = { left: 66, right: 12, top: 10, bottom: 42 };
 const PADDING = 0.05; // margin on both sides of a range, relative to it
+const LETTER = 7; // width of a letter beside a mark [pixels]
 
 class Chart {
-  // paint(chart) draws the contents; ranges are [low, high]; square: the panel is
-  constructor(host, { title, x, y, xRange, yRange, height = 250, square = false, yTick = String }, paint) {
-    Object.assign(this, { x, y, xRange: padded(xRange), yRange: padded(yRange), height, square, yTick, paint });
+  // paint(chart) draws the contents; ranges are [low, high], wider by `padding`; square: the panel is
+  constructor(host, { title, x, y, xRange, yRange, height = 250, square = false, padding = PADDING, yTick = String }, paint) {
+    Object.assign(this, { x, y, xRange: padded(xRange, padding), yRange: padded(yRange, padding), height, square, yTick, paint });
     this.box = html("div", { class: "chart" });
     this.title = title;
     host.append(html("figure", {}, html("figcaption", {}, title), this.box));
@@ -86,9 +87,30 @@ function extent(values) {
   return values.filter(Number.isFinite).reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
 }
 
-function padded([low, high]) {
-  const pad = PADDING * (high - low) || PADDING * Math.abs(high) || 1e-3;
+function padded([low, high], part) {
+  const pad = high > low ? part * (high - low) : PADDING * Math.abs(high) || 1e-3;
   return [low - pad, high + pad];
+}
+
+// Write texts beside marks, each [text, x, y]: over no other mark or text, and over as little of the curves as possible.
+// A text that has no room is left out.
+function writeBeside(chart, marks) {
+  const taken = marks.map(([, x, y]) => [x - 8, x + 8, y - 8, y + 8]);
+  const curves = [...chart.svg.querySelectorAll("path.curve")].flatMap((path) => Array.from({ length: Math.ceil(path.getTotalLength() / 3) }, (_, k) => path.getPointAtLength(3 * k)));
+  for (const [text, x, y] of marks.filter(([text]) => text)) {
+    const width = LETTER * text.length;
+    const options = [[1, -1], [-1, -1], [1, 1], [-1, 1]].map(([right, down]) => {
+      const [a, b] = [x + 9 * right, y + (down > 0 ? 20 : -9)];
+      const box = [Math.min(a, a + width * right), Math.max(a, a + width * right), b - 12, b + 1];
+      const free = taken.every(([left, end, top, bottom]) => box[0] > end || box[1] < left || box[2] > bottom || box[3] < top);
+      const covered = curves.filter((point) => point.x > box[0] && point.x < box[1] && point.y > box[2] && point.y < box[3]).length;
+      return { a, b, box, right, covered, fits: free && box[0] >= 0 && box[1] <= chart.width && box[2] >= 0 && box[3] <= chart.py(chart.yRange[0]) };
+    }).filter(({ fits }) => fits);
+    if (!options.length) continue;
+    const { a, b, box, right } = options.reduce((best, option) => (option.covered < best.covered ? option : best));
+    taken.push(box);
+    chart.text(a, b, text, right > 0 ? "start" : "end");
+  }
 }
 
 function ticks([low, high], wanted) {

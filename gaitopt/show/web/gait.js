@@ -78,6 +78,16 @@ function shown(value) {
   return String(Math.abs(value) < 1e-12 ? 0 : Number(value.toPrecision(6))).replace("-", "−");
 }
 
+// A value of a parameter with its unit.
+function amount(value, { unit }) {
+  return `${shown(value)}${unit === "°" || !unit ? unit : ` ${unit}`}`;
+}
+
+// The label of an axis.
+function axisOf({ words, unit }) {
+  return unit ? `${words} [${unit}]` : words;
+}
+
 // Buttons that bring one of several gaits into view where they do not fit side by side.
 function tabs(gaits, side) {
   const buttons = gaits.map((gait, k) => {
