@@ -26,7 +26,7 @@ def draw_torques(axes, optimum, walked):
     axes.plot([], [], "--", color="0.4", label="optimum")
     axes.plot([], [], "-", color="0.4", label="under the law")
     axes.set(xlabel="time since impact [s]", ylabel="torque [N m]")
-    axes.legend(ncols=2, fontsize=8, loc="upper center")
+    axes.legend(ncols=2, loc="upper center")
 
 
 def draw_family(axes, branch):
@@ -41,7 +41,7 @@ def draw_family(axes, branch):
     for special in branch.specials:
         axes.axvline(special.value, color="0.75", lw=0.8, zorder=0)
     axes.set(xlabel="coefficient of friction", ylabel="spectral radius", ylim=(0.5, 0.7))
-    axes.legend(fontsize=8, loc="lower right", title="modes of the stance foot", title_fontsize=8)
+    axes.legend(loc="lower right", title="modes of the stance foot")
 
 
 if __name__ == "__main__":
@@ -49,8 +49,8 @@ if __name__ == "__main__":
     walked = go.stabilise(optimum).gait
     branch = go.continuation(walked, "friction", to=SLOWEST)
     with go.figure_style():
-        figure = Figure(figsize=(10.5, 3.6), layout="constrained")
-        left, right = figure.subplots(1, 2)
-        draw_torques(left, optimum, walked)
-        draw_family(right, branch)
-        figure.savefig(HERE / "stabilising.png", dpi=110)
+        figure = Figure(figsize=(4.8, 6.4), layout="constrained")
+        upper, lower = figure.subplots(2)
+        draw_torques(upper, optimum, walked)
+        draw_family(lower, branch)
+        figure.savefig(HERE / "stabilising.png", dpi=200)
