@@ -19,7 +19,7 @@ for claim in proof.claims:
     arc, _, name = claim.name.replace("_", " ").rpartition(": ")
     cells.setdefault(name.strip(), {})[arc or "whole step"] = claim
 with go.figure_style():
-    figure = Figure(figsize=(5.2, 4.6))
+    figure = Figure(figsize=(5.9, 4.6))
     axes = figure.subplots()
     for row, claims in enumerate(cells.values()):
         for arc, claim in claims.items():
