@@ -5,7 +5,7 @@ In a notebook ``plot`` displays its figure as PNG without any magic command, and
 
 import sys
 from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,10 @@ from gaitopt.gait.trajectory import Trajectory
 from gaitopt.runs.atlas import Atlas
 from gaitopt.runs.branch import stored_branch
 from gaitopt.runs.results import KINDS, kind_of
+from gaitopt.runs.robustness import Robustness
 from gaitopt.show.catalogue import PAGE, Figures, figures_of
 from gaitopt.show.movie import MOVIES
-from gaitopt.show.pages import atlas_report, branch_report, comparison_report, walk_report
+from gaitopt.show.pages import atlas_report, branch_report, comparison_report, robustness_report, walk_report
 from gaitopt.show.style import STILL, drawing_into, encoded
 from gaitopt.show.style import save as save_figure
 from gaitopt.show.tables import printed
@@ -178,7 +179,7 @@ def animate(result: Gait | Walk) -> Page:
 
 
 def report(*results: Any, replays: Sequence[Any] = ()) -> Page:
-    """Report on a gait, a walk, a branch or an atlas, or on several gaits side by side, as one offline page.
+    """Report on a gait, a walk, a branch, an atlas, robustness, or on several gaits side by side, as one offline page.
 
     Parameters
     ----------
@@ -191,21 +192,23 @@ def report(*results: Any, replays: Sequence[Any] = ()) -> Page:
             raise ValueError("a branch without points has no report")
         problem = first.points[0].gait.problem
         return Page(f"report of {problem.name}", branch_report(problem, first.parameter, first.to_records()))
-    if isinstance(first, Walk | Atlas):
-        page = walk_report(first) if isinstance(first, Walk) else atlas_report(first)
-        return Page(f"report of {first.problem.name}", page)
+    pages: Mapping[type, Callable[[Any], str]] = {
+        Walk: walk_report, Atlas: atlas_report, Robustness: robustness_report,
+    }  # fmt: skip
+    if (page := pages.get(type(first))) is not None:
+        return Page(f"report of {first.problem.name}", page(first))
     gaits = list(results) if isinstance(first, Gait) else list(first)
     records = [replay if isinstance(replay, Mapping) else replay.to_record() for replay in replays]
     return Page(f"report of {gaits[0].problem.name}", comparison_report(gaits, records))
 
 
 def page_in(folder: Path) -> Page | None:
-    """The page about the branch, walk or atlas in a folder; None if the folder contains another result."""
+    """The page about the branch, walk, atlas or robustness in a folder; None if it contains another result."""
     kind = kind_of(folder)
     if kind == "branch":
         problem, parameter, records = stored_branch(folder)
         return Page(f"report of {problem.name}", branch_report(problem, parameter, records))
-    return report(KINDS[kind][1](folder)) if kind in ("walk", "atlas") else None
+    return report(KINDS[kind][1](folder)) if kind in ("walk", "atlas", "robustness") else None
 
 
 def html(result: Any) -> str:

@@ -1250,6 +1250,7 @@ def basin(
     *,
     steps: int = 100,
     engine: str = "auto",
+    floor: Floor | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
     output: str | Path | None = None,
@@ -1264,6 +1265,7 @@ def basin(
     over : lower end, upper end and number of values by coordinate: ``{"theta1": ("-12 deg", "-6 deg", 50)}``.
     steps : maximum number of steps; states that have not settled by then are undecided.
     engine : ``auto``, ``scipy`` or ``heyoka``.
+    floor : tiles on which every walk begins, see ``Floor``; a walk settles behind them, where the last one repeats.
     workers, scheduler, output, progress, should_stop : as for ``sweep``.
 
     Raises
@@ -1276,7 +1278,7 @@ def basin(
     origin = start if isinstance(start, Gait) else _loaded(start)
     grid, processes = _grid(over), make_workers(workers, scheduler)
     folder = Run.of(origin.problem if isinstance(origin, Gait) else origin, output).folder
-    plan = BasinPlan.around(origin, grid, BasinRequest(steps=steps, engine=choice(Engine, engine)), folder)
+    plan = BasinPlan.around(origin, grid, BasinRequest(steps=steps, engine=choice(Engine, engine)), folder, floor)
     with shown(progress, job_progress, "tiles") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from gaitopt.cli import options
 from gaitopt.cli.options import (
     EngineOption,
     GridOption,
@@ -38,6 +39,7 @@ from gaitopt.requests import (
     BasinRequest,
     ContinueRequest,
     Engine,
+    FloorRequest,
     SweepRequest,
     TraceRequest,
 )
@@ -381,6 +383,9 @@ def basin(
     over: GridOption,
     steps: Annotated[int, option(BasinRequest, "steps")] = 100,
     engine: EngineOption = "auto",
+    floor: Annotated[str | None, option(FloorRequest, "floor", metavar="TILES")] = None,
+    random: Annotated[str | None, option(FloorRequest, "random", metavar="DISTRIBUTION")] = None,
+    seed: SeedOption = 0,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     changes: SetOption = None,
@@ -396,7 +401,7 @@ def basin(
     from gaitopt.show.tables import print_basin
     from gaitopt.simulation.engine import INSTALL, choose_engine, is_installed
 
-    ranges = grid(over)
+    ranges, tiles = grid(over), options.floor(floor, random, seed, steps)
     choose_engine(engine)
     gait, folder, fresh = gait_of(run, changes, output, terminal)
     if fresh and not gait.converged:
@@ -405,8 +410,8 @@ def basin(
         terminal.say(f"simulating on scipy; heyoka is several times as fast: {INSTALL}")
     with terminal.working("tiles") as (progress, interrupted):
         result = verbs.basin(
-            gait if gait.converged else gait.problem, ranges, steps=steps, engine=engine, workers=workers,
-            scheduler=scheduler, output=output or folder, progress=progress, should_stop=interrupted,
+            gait if gait.converged else gait.problem, ranges, steps=steps, engine=engine, floor=tiles,
+            workers=workers, scheduler=scheduler, output=output or folder, progress=progress, should_stop=interrupted,
         )  # fmt: skip
     record = {**result.to_record(), "run": str(result.folder), **_drawn(result, ())}
     terminal.show(record, print_basin, "run")

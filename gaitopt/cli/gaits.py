@@ -297,7 +297,10 @@ def robustness(
     gait, _, _ = gait_of(run, changes, None, terminal)
     if not gait.converged:
         return report(gait, None, terminal)
-    with terminal.working("figures") as (progress, interrupted):
+    with (
+        shown_result(lambda gait: report(gait, None, terminal)),
+        terminal.working("figures") as (progress, interrupted),
+    ):
         found = verbs.robustness(
             gait, what=what, over=over, random=random, walks=walks, steps=steps, seed=seed, engine=engine,
             workers=workers, scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,

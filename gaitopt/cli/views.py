@@ -189,8 +189,8 @@ def report(
 ) -> int:
     """Write one offline page about a result.
 
-    The result is a gait, a walk, a branch or an atlas, or several gaits side by side. Several gaits are written to
-    comparison.html in the working folder, or to the file given by -o.
+    The result is a gait, a walk, a branch, an atlas or robustness, or several gaits side by side. Several gaits are
+    written to comparison.html in the working folder, or to the file given by -o.
     """
     from gaitopt.api import pictures
     from gaitopt.api.stored import stored_replays

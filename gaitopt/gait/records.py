@@ -606,10 +606,11 @@ class AtlasRecord(TypedDict):
 
 
 class BasinRecord(TypedDict):
-    """The grid and the fixed coordinates of a basin; everything else follows from its tiles."""
+    """The grid, the fixed coordinates and the floor of a basin; everything else follows from its tiles."""
 
     over: Axes
     base: dict[Word, Number]
+    floor: NotRequired[dict[Word, list[Any]]]
 
 
 class WalkRecord(TypedDict):

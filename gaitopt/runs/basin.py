@@ -25,17 +25,21 @@ from gaitopt.errors import SolveError, StorageError, UnknownNameError
 from gaitopt.gait.frames import data_set
 from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.gait.records import BasinRecord
+from gaitopt.problem.floor import Floor
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit
 from gaitopt.requests import BasinRequest, Engine
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.runs.jobs import Plan, Stored
 from gaitopt.simulation.engine import choose_engine
+from gaitopt.simulation.ground import check_floor
 from gaitopt.simulation.outcomes import ENDINGS, StepOutcomes, phase_names
 from gaitopt.store.files import read_bytes, write_whole
 from gaitopt.store.formats import check_agrees, json_file, validated
 from gaitopt.store.run import Run
+from gaitopt.systems import problem_dynamics
 from gaitopt.verification.step_map import section_coordinates, step_map
+from gaitopt.verification.tiled_walks import Rows
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
 
 if TYPE_CHECKING:
@@ -78,14 +82,20 @@ class Outcomes:
 
 
 def follow(
-    step_map: Callable[[Array], StepOutcomes], xi: Array, max_steps: int, *, should_stop: Stop = None
+    step_map: Callable[[Array, Rows], StepOutcomes],
+    xi: Array,
+    max_steps: int,
+    *,
+    unsettled: int = 0,
+    should_stop: Stop = None,
 ) -> Outcomes:
     """Walk from every state until it settles, fails, or has made ``max_steps`` steps.
 
     Parameters
     ----------
-    step_map : the return map of section coordinates, or of whole states.
+    step_map : the return map of section coordinates, or of whole states; it is also given the rows of these states.
     xi : ndarray, shape (n, k) - section coordinates just after an impact, including ``dx``; or whole states.
+    unsettled : number of steps after which the floor does not change any more; no walk settles earlier.
     should_stop : polled before every step.
     """
     n = len(xi)
@@ -95,14 +105,15 @@ def follow(
     past[0] = xi
     periods, steps, endings = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full(n, UNDECIDED)
     walking = np.arange(n)
-    for _ in range(max_steps):
+    for step in range(1, max_steps + 1):
         if not walking.size:
             break
         if should_stop is not None and should_stop():
             raise KeyboardInterrupt
-        walked = step_map(past[0, walking])
+        walked = step_map(past[0, walking], walking)
         completed = walked.completed
         back = _returns(np.abs(walked.states - past[:, walking]).max(axis=2)) & completed
+        back &= (step - np.arange(1, MAX_PERIOD + 1) >= unsettled)[:, None]
         for row in (past, past_steps):
             row[1:, walking] = row[:-1, walking]
         past[0, walking] = walked.states
@@ -201,6 +212,7 @@ class Basin(Plotted, ReadOnlyArrays):
     ----------
     problem, grid : the problem, and the grid of states.
     base : the section coordinates that the grid does not vary.
+    floor : the tiles on which every walk began; None for the nominal floor.
     attractors : the gaits on which states settle; ``labels`` are indices into them.
     labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
     endings : ndarray, grid's shape - code of the ending if it does not settle, see ``Outcomes``.
@@ -215,6 +227,7 @@ class Basin(Plotted, ReadOnlyArrays):
     labels: Labels
     endings: Labels
     steps: Labels
+    floor: Floor | None = None
     folder: Path | None = None
 
     def __repr__(self) -> str:
@@ -255,6 +268,7 @@ class Basin(Plotted, ReadOnlyArrays):
             "problem": self.problem.name,
             "over": [asdict(axis) for axis in self.grid.axes],
             "base": self.base,
+            **({} if self.floor is None else {"floor": self.floor.to_record()}),
             "states": self.grid.size,
             "gaits": gaits,
             "failures": {ending_name(int(v)): int(n) for v, n in zip(codes, counts, strict=True)},
@@ -268,7 +282,8 @@ def read_basin(place: Path) -> Basin:
     stored = validated(BasinRecord, record, place / BASIN_FILE)
     grid = validated(Grid, {"axes": stored["over"]}, place / BASIN_FILE)
     check_room(grid.size, place, disk=0, memory=STATE_BYTES_MEMORY)
-    basin = assemble_basin(run, run.problem(), grid, stored["base"])
+    floor = Floor.from_record(stored["floor"]) if "floor" in stored else None
+    basin = assemble_basin(run, run.problem(), grid, stored["base"], floor)
     check_agrees(place / BASIN_FILE, record, basin.to_record(), "the grid of tiles")
     return basin
 
@@ -282,7 +297,7 @@ def stored_attractor(place: Path, index: str) -> Attractor:
     return attractors[int(index)]
 
 
-def assemble_basin(run: Run, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
+def assemble_basin(run: Run, problem: Problem, grid: Grid, base: dict[str, float], floor: Floor | None = None) -> Basin:
     """The basin assembled from its tiles."""
     gaits = list[Attractor]()
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
@@ -296,7 +311,7 @@ def assemble_basin(run: Run, problem: Problem, grid: Grid, base: dict[str, float
     return Basin(
         problem=problem, grid=grid, base=base, attractors=tuple(gaits),
         labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
-        folder=run.place,
+        floor=floor, folder=run.place,
     )  # fmt: skip
 
 
@@ -335,14 +350,18 @@ class BasinPlan(Plan[Basin], BasinRequest):
     problem : the problem of the walker.
     p : parameters of the walker, if they differ from those of the problem.
     base : the section coordinates that the grid does not vary.
+    floor : the tiles on which every walk begins; None for the nominal floor.
     """
 
     p: tuple[float, ...] | None
     base: dict[str, float]
     grid: Grid
+    floor: Floor | None = None
 
     @classmethod
-    def around(cls, start: Problem | Gait, grid: Grid, request: BasinRequest, folder: Path) -> Self:
+    def around(
+        cls, start: Problem | Gait, grid: Grid, request: BasinRequest, folder: Path, floor: Floor | None = None
+    ) -> Self:
         """The basin of a grid around the state of a gait, or around a problem's guess."""
         if isinstance(start, Gait):
             problem, p = start.problem, tuple(start.p.tolist())
@@ -352,7 +371,7 @@ class BasinPlan(Plan[Basin], BasinRequest):
         varied = {axis.key for axis in grid.axes}
         names = (name for name in problem.map_section.names if name not in varied)
         base = {name: float(state[name]) for name in names}
-        return cls(problem=problem, p=p, base=base, grid=grid, folder=folder, **vars(request))
+        return cls(problem=problem, p=p, base=base, grid=grid, floor=floor, folder=folder, **vars(request))
 
     @property
     def run(self) -> Run:
@@ -360,9 +379,11 @@ class BasinPlan(Plan[Basin], BasinRequest):
         return Run(self.folder, f"basin-{self.key}")
 
     def check(self) -> None:
-        """Refuse a grid that is not over section coordinates, an unknown engine, or too many states."""
+        """Refuse a grid that is not over section coordinates, an unknown engine, too many states, or a wrong floor."""
         self.grid.check_keys(self.problem.map_section.names, "a coordinate just after an impact")
         _ = self.chosen_engine
+        if self.floor is not None:
+            check_floor(problem_dynamics(self.problem).system, self.floor)
         check_room(self.grid.size, self.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
 
     @contextmanager
@@ -390,7 +411,7 @@ class BasinPlan(Plan[Basin], BasinRequest):
         for tile, result in enumerate(jobs.complete(walk_tile, tile_jobs, len(tile_jobs))):
             if isinstance(result, FailedJob):
                 raise SolveError(f"tile {tile} of the basin failed: {result.reason}; the others are stored")
-        basin = assemble_basin(self.run, self.problem, self.grid, self.base)
+        basin = assemble_basin(self.run, self.problem, self.grid, self.base, self.floor)
         self.run.seal(*map(TILE_FILE.format, self.tiles))
         self.run.write({BASIN_FILE: json_file(basin.to_record())})
         return basin
@@ -401,7 +422,9 @@ class BasinPlan(Plan[Basin], BasinRequest):
     @property
     def key(self) -> str:
         """Hash of all values that the tiles depend on."""
-        identity = {"grid": [*map(str, self.grid.axes)], "base": self.base, "steps": self.steps}
+        identity: dict[str, Any] = {"grid": [*map(str, self.grid.axes)], "base": self.base, "steps": self.steps}
+        if self.floor is not None:
+            identity["floor"] = self.floor.to_record()
         return key_of(identity | {"engine": str(self.chosen_engine), "tile": self.tile_size})[:8]
 
     @property
@@ -427,5 +450,10 @@ def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop
     values = dict(zip([axis.key for axis in plan.grid.axes], plan.grid.points(numbers).T, strict=True))
     names = plan.problem.map_section.names
     xi = np.column_stack([values.get(name, np.full(len(numbers), plan.base.get(name))) for name in names])
-    mapped, xi = step_map(plan.problem, plan.p, plan.chosen_engine), section_coordinates(plan.problem, xi)
-    return follow(*mapped.closed(xi), plan.steps, should_stop=should_stop)
+    mapped = step_map(plan.problem, plan.p, plan.chosen_engine, plan.floor)
+    walk, states = mapped.closed(section_coordinates(plan.problem, xi))
+    unsettled = 0 if plan.floor is None else len(plan.floor) - 1
+    found = follow(walk, states, plan.steps, unsettled=unsettled, should_stop=should_stop)
+    if mapped.is_stated and plan.floor is not None:
+        return replace(found, states=found.states[:, mapped.indices])
+    return found

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
-from gaitopt.display import Plotted
+from gaitopt.display import Reported
 from gaitopt.errors import ArgumentError, ProblemError, SolveError, StorageError
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Gait, require_gait
@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 
 ROBUSTNESS_FILE = "robustness.json"
 FIGURES = ResultFile(name="figures.jsonl", key="job", model=FigureRecord)
-WHAT = ("range", "patch", "push", "sensitivity", "falls")
+PUSH = "push"
+WHAT = ("range", "patch", PUSH, "sensitivity", "falls")
 """Groups of figures, the words of ``what``."""
 SPREAD = 0.2
 """Half the range of the random friction by default, relative to the nominal one."""
@@ -47,7 +48,7 @@ MANY_STEPS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Robustness(Plotted):
+class Robustness(Reported):
     """How robust a gait is.
 
     Attributes
@@ -97,16 +98,16 @@ class Robustness(Plotted):
         return data_frame(("figure", "value"), rows, {"figure": "", "value": ""}, problem=self.problem.name)
 
     @property
-    def strips(self) -> dict[str, dict[int, Limit]]:
-        """The values of patches that were tried, by kind and length."""
-        found = dict[str, dict[int, Limit]]()
+    def strips(self) -> dict[str, dict[str, list[Limit]]]:
+        """The values that were tried, by kind of patch and number of tiles, and under ``push`` by rate, down and up."""
+        found = dict[str, dict[str, list[Limit]]]()
         for name, value in self.figures.items():
             group, *keys = name.split(":")
-            if group == "patch":
+            if group in ("patch", PUSH):
+                kind, row = (PUSH, keys[0]) if group == PUSH else keys
                 tried, survived = tuple(value["tried"]), tuple(map(bool, value["survived"]))
-                found.setdefault(keys[0], {})[int(keys[1])] = Limit(
-                    value=value["value"], tried=tried, survived=survived
-                )
+                limit = Limit(value=value["value"], tried=tried, survived=survived)
+                found.setdefault(kind, {}).setdefault(row, []).append(limit)
         return found
 
 
@@ -182,7 +183,9 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
         if not self.gait.stable:
             radius = self.gait.scalar("spectral_radius")
             words = "so that no walk returns to it; `gaitopt stabilise` finds a law that walks it stably"
-            raise SolveError(f"{self.problem.name} is unstable, its spectral radius is {radius:.6g}, {words}")
+            error = SolveError(f"{self.problem.name} is unstable, its spectral radius is {radius:.6g}, {words}")
+            error.result = self.gait
+            raise error
         if "range" in self.groups:
             Request(parameter=self.key, to=(UNLIKELY,)).first_gait(self.gait)
         if {"patch", "falls"} & {*self.groups}:

@@ -39,7 +39,7 @@ from gaitopt.show.motion import Motion, motion_of, motion_of_walk, simulated
 from gaitopt.show.movie import movie, postures
 from gaitopt.show.pages import animation_page
 from gaitopt.show.programs import jacobian_pattern
-from gaitopt.show.robustness import patches
+from gaitopt.show.robustness import ALL, strips
 from gaitopt.show.style import Parameter, parameter_of
 from gaitopt.solver.program import NonlinearProgram
 from gaitopt.verification.walk import Walk
@@ -165,8 +165,8 @@ def _(result: Branch) -> Figures:
 def _(result: Robustness) -> Figures:
     kinds = tuple(result.strips)
     if not kinds:
-        raise ValueError("the robustness without patches has no figures: compute them with --what patch")
-    return Figures(draw=lambda name: patches(result, name), names=kinds, usual=kinds)
+        raise ValueError("only patches and pushes have figures: compute them with --what patch,push")
+    return Figures(draw=lambda name: strips(result, name), names=(ALL, *kinds), usual=(ALL,))
 
 
 @figures_of.register

@@ -1,4 +1,4 @@
-"""Pages as single HTML files: the moving walker; reports of gaits, branches, atlases and walks; walks to choose from.
+"""Pages as single HTML files: the moving walker; reports of gaits, branches, atlases, walks and robustness.
 
 A page has templates, scripts, style sheets and data in one file and needs no network. The report of a branch has a
 diagram over the continued parameter, in which each gait can be selected. The report of a walk lists its states step by
@@ -29,6 +29,7 @@ from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, relevant_scalars, scalar_values, state_unit
 from gaitopt.runs.atlas import Atlas
+from gaitopt.runs.robustness import Robustness
 from gaitopt.show.atlases import LINES, axis_label, point_name, sequences, shown_in
 from gaitopt.show.branches import OF_EACH_STEP
 from gaitopt.show.film import film, pack
@@ -46,8 +47,9 @@ from gaitopt.show.motion import (
     thinned,
 )
 from gaitopt.show.replays import replayed_motion
+from gaitopt.show.robustness import ALL, strips
 from gaitopt.show.style import FLIGHT_DOTS, MODE_WORDS, SLIP_DASHES, dashes, encoded, label, parameter_of, symbol
-from gaitopt.show.tables import printed
+from gaitopt.show.tables import printed, robustness_rows
 from gaitopt.store.run import Manifest
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk
@@ -434,4 +436,19 @@ def walk_report(walk: Walk) -> str:
         data={"film": film(motion_of_walk(walk))},
         checks=[],
         origins=[provenance(walk.problem, {})],
+    )
+
+
+def robustness_report(result: Robustness) -> str:
+    """HTML of the robustness of a gait: its figures and how each was found, and a picture of what a walk survives."""
+    return render(
+        "robustness.html",
+        title=f"{result.problem.name}: robustness",
+        about=result.problem.about,
+        start=cycle_start(problem_dynamics(result.problem).system),
+        picture=svg(strips(result, ALL)) if result.strips else "",
+        rows=robustness_rows(result.to_record()),
+        data={},
+        checks=[],
+        origins=[provenance(result.problem, {})],
     )

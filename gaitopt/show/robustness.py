@@ -1,50 +1,94 @@
-"""How robust a gait is: which patches of ice a walk survives, and how far each disturbance may go.
+"""How robust a gait is: strips of the disturbances from which a walk returns to the gait, and from which it does not.
 
-A figure of patches has a strip for each length: the values at which a walk returns to the gait, and those at which it
-does not. The limits of the other disturbances are bars from the nominal floor.
+A figure of patches has a strip for 1, 2 and 4 tiles, a figure of pushes one for every rate.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from gaitopt.runs.robustness import Robustness
-from gaitopt.show.style import COLOURS, NEUTRAL, entry, legend_below, panels
+from gaitopt.display import counted
+from gaitopt.runs.robustness import PUSH, Robustness
+from gaitopt.show.style import COLOURS, NEUTRAL, WIDTH, entry, figure_style, given_axes, legend_below, panels, symbol
 from gaitopt.show.tables import TILE_KINDS
 from gaitopt.uncertainty.limits import Limit
 
 RETURNS, FAILS = COLOURS[2], COLOURS[1]
 """Colours of walks that return, and of those that do not."""
 LEGEND = (("returns to the gait", RETURNS), ("does not return", FAILS))
-ROW = 0.42
-"""Height of a strip [inch]."""
+ROW, REST, COLUMNS = 0.32, 0.75, 2
+"""Height of a strip and of the rest of its panel [inch], and number of columns of the figure of all strips."""
+ALL = "strips"
+"""Name of the figure with all strips."""
+SINGLE = 0.0005
+"""Half the width of a strip with a single value."""
+CLOSE_BEFORE = 0.15
+"""A label stands on the other side of its limit if it would begin in this last part of the axis."""
 
 
-def patches(result: Robustness, kind: str) -> Figure:
-    """Strips of the values at which walks over 1, 2 and 4 tiles of a kind return, each with its limit."""
-    limits = result.strips[kind]
-    figure, (axes,) = panels(height=1.1 + ROW * len(limits))
-    _draw_strips(axes, limits)
-    axes.set_xlabel(TILE_KINDS[kind])
-    axes.set_yticks(range(len(limits)), [f"{n} tile{'s' * (n > 1)}" for n in sorted(limits)])
-    axes.set_ylim(len(limits) - 0.5, -0.5)
-    returns, fails = (entry(words, color=colour, linewidth=6) for words, colour in LEGEND)
-    legend_below(figure, [returns, fails])
+def strips(result: Robustness, name: str) -> Figure:
+    """Strips of one kind of patches, of the pushes, or all of them in one figure.
+
+    Parameters
+    ----------
+    name : a kind of patches, ``push``, or ``strips`` for all.
+    """
+    kinds = tuple(result.strips) if name == ALL else (name,)
+    if len(kinds) == 1:
+        figure, axes = panels(height=1.1 + ROW * len(result.strips[kinds[0]]))
+    else:
+        figure, axes = _grid([len(result.strips[kind]) for kind in kinds])
+    for kind, panel in zip(kinds, axes, strict=True):
+        _draw_strips(panel, kind, result.strips[kind])
+    legend_below(figure, [entry(words, color=colour, linewidth=6) for words, colour in LEGEND])
     return figure
 
 
-def _draw_strips(axes: Axes, limits: Mapping[int, Limit]) -> None:
-    """A strip for each length, with its limit."""
-    for row, (_, found) in enumerate(sorted(limits.items())):
-        tried, survived = np.abs(found.tried), np.array(found.survived)
-        half = abs(tried[1] - tried[0]) / 2 if len(tried) > 1 else 0.0005
-        for good, colour in ((True, RETURNS), (False, FAILS)):
-            spans = [(value - half, 2 * half) for value in tried[survived == good]]
-            axes.broken_barh(spans, (row - 0.35, 0.7), color=colour, linewidth=0)
-        if found.value is not None:
-            axes.plot([abs(found.value)] * 2, [row - 0.45, row + 0.45], color="black", linewidth=1)
-            axes.annotate(f"{abs(found.value):.4g}", (abs(found.value), row), xytext=(4, 0), va="center",
-                          textcoords="offset points", fontsize="x-small", color="black")  # fmt: skip
+def _grid(counts: Sequence[int]) -> tuple[Figure, list[Axes]]:
+    """A figure with a panel for each number of strips; or the axes of ``drawing_into``."""
+    given = given_axes(len(counts))
+    if given is not None:
+        return given
+    rows = [counts[k : k + COLUMNS] for k in range(0, len(counts), COLUMNS)]
+    heights = [REST + ROW * max(row) for row in rows]
+    with figure_style():
+        figure = Figure(figsize=(1.6 * WIDTH, 0.4 + sum(heights)))
+        FigureCanvasAgg(figure)
+        axes = figure.subplots(len(rows), COLUMNS, squeeze=False, height_ratios=heights).ravel().tolist()
+    for spare in axes[len(counts) :]:
+        spare.remove()
+    return figure, axes[: len(counts)]
+
+
+def _draw_strips(axes: Axes, kind: str, limits: Mapping[str, Sequence[Limit]]) -> None:
+    """The strips of one kind, each with its limits; a limit of a size is drawn without its sign."""
+    is_push = kind == PUSH
+    for row, sides in enumerate(limits.values()):
+        for found in sides:
+            tried = np.array(found.tried) if is_push else np.abs(found.tried)
+            half = (tried[1] - tried[0]) / 2 if len(tried) > 1 else SINGLE
+            ends = [*np.flatnonzero(np.diff(found.survived)), len(tried) - 1]
+            for first, last in zip([0, *(end + 1 for end in ends)], ends, strict=False):  # values with equal ends
+                span = tried[first] - half, tried[last] - tried[first] + 2 * half
+                colour = RETURNS if found.survived[first] else FAILS
+                axes.broken_barh([span], (row - 0.35, 0.7), color=colour, linewidth=0)
+    axes.autoscale_view()
+    low, high = axes.get_xlim()
+    for row, sides in enumerate(limits.values()):
+        for value in (found.value for found in sides if found.value is not None):
+            at = value if is_push else abs(value)
+            late = at > high - CLOSE_BEFORE * (high - low)
+            axes.plot([at, at], [row - 0.45, row + 0.45], color="black", linewidth=1)
+            axes.annotate(
+                f"{at:.4g}", (at, row), xytext=(-4 if late else 4, 0), textcoords="offset points", va="center",
+                ha="right" if late else "left", fontsize="x-small", color="black",
+            )  # fmt: skip
+    axes.set_xlabel("push just after the impact [per s]" if is_push else TILE_KINDS[kind])
+    names = [symbol(key) if is_push else counted(int(key), "tile") for key in limits]
+    axes.set_yticks(range(len(limits)), names)
+    axes.set_ylim(len(limits) - 0.5, -0.5)
+    axes.grid(visible=False, axis="y")
     axes.spines[["left", "right", "top"]].set_color(NEUTRAL)

@@ -115,20 +115,34 @@ def panels(
     ValueError
         If ``drawing_into`` was given another number of axes.
     """
-    given = _AXES.get()
+    given = given_axes(rows)
     if given is not None:
-        if len(given) != rows:
-            remedy = "ax=axes" if rows == 1 else f"ax=plt.subplots({rows}, 1, sharex=True)[1]"
-            raise ValueError(f"this figure has {rows} panel{'s' * (rows > 1)}, not {len(given)}: give {remedy}")
-        figure = given[0].get_figure(root=True)
-        assert figure is not None, "axes that were removed from their figure"
-        return figure, list(given)
+        return given
     with figure_style():
         figure = Figure(figsize=(WIDTH, height))
         FigureCanvasAgg(figure)
         ratios = list(heights) if heights else [1.0] * rows
         axes = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=ratios)
     return figure, list(axes[:, 0])
+
+
+def given_axes(count: int) -> tuple[Figure, list[Axes]] | None:
+    """The axes of ``drawing_into`` and their figure; None if the figure has axes of its own.
+
+    Raises
+    ------
+    ValueError
+        If there are not ``count`` axes.
+    """
+    given = _AXES.get()
+    if given is None:
+        return None
+    if len(given) != count:
+        remedy = "ax=axes" if count == 1 else f"ax=plt.subplots({count}, 1, sharex=True)[1]"
+        raise ValueError(f"this figure has {count} panel{'s' * (count > 1)}, not {len(given)}: give {remedy}")
+    figure = given[0].get_figure(root=True)
+    assert figure is not None, "axes that were removed from their figure"
+    return figure, list(given)
 
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) -> list[Path]:

@@ -598,21 +598,24 @@ def print_robustness(console: Console, record: Record) -> None:
         console,
         f"{record['problem']}: robustness",
         ("figure", "value, lower end", "upper end", "found by"),
-        _robustness_rows(record),
+        robustness_rows(record),
     )
 
 
-def _robustness_rows(record: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+def robustness_rows(record: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     """The table: figure, value or lower end, upper end, and how it was found."""
     rows = list[tuple[str, str, str, str]]()
     for key, found in record.get("range", {}).items():
         low, high = (_range_end(found[side], found[f"{side}_end"]) for side in ("low", "high"))
         rows.append((f"stable range of {key}", low, high, "continuation"))
     for kind, of_length in record.get("patch", {}).items():
-        values = ", ".join(f"{_figure(value)} ({length})" for length, value in of_length.items())
+        values = ", ".join(
+            f"{'none fails' if value is None else _figure(value)} ({length})" for length, value in of_length.items()
+        )
         rows.append((f"{TILE_KINDS[kind]}, by number of tiles", values, "", "simulated walks"))
-    for rate, (low, high) in record.get("push", {}).items():
-        rows.append((f"push of {rate}", _figure(low), _figure(high), "simulated walks"))
+    for rate, ends in record.get("push", {}).items():
+        low, high = ("none fails" if end is None else _figure(end) for end in ends)
+        rows.append((f"push of {rate}", low, high, "simulated walks"))
     nearest = record.get("nearest")
     if nearest is not None:
         state = nearest["state"] or {}

@@ -100,6 +100,11 @@ class OnTiles:
             values = {name: of.get(name, of.get(FOOT, ())) for name in nominal.walker.landing_points()}
             self._coefficients.append({name: tuple(map(float, value)) for name, value in values.items()})
 
+    @property
+    def nominal_friction(self) -> tuple[float, ...]:
+        """Static and kinetic coefficient of the problem under a lone foot."""
+        return self._coefficients[0][FOOT][:2]
+
     def is_nominal(self, n: int, name: str, friction: tuple[float, float] | None) -> bool:
         """Whether the friction of the tile under a contact in step ``n`` is that of the problem."""
         return friction in (None, self._coefficients[n % len(self._steps)][name][:2])

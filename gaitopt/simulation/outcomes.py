@@ -50,6 +50,13 @@ class StepOutcome:
     events: int = 0
 
 
+UNDEFINED_STATE = StepOutcome(
+    step=None, ending=Ending.NUMERICAL, message="the section coordinates belong to no state of the walker"
+)
+"""Outcome if a coordinate or rate does not follow from the section, for example if a runner is too fast for its
+energy."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepOutcomes(ReadOnlyArrays):
     """One step, or several consecutive steps, from each of n states.

@@ -13,28 +13,30 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Gait
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.transitions import Ending
+from gaitopt.problem.floor import Floor
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Engine
 from gaitopt.simulation.engine import choose_engine
-from gaitopt.simulation.outcomes import ARRAYS, StepOutcome, StepOutcomes, stack_outcomes
+from gaitopt.simulation.outcomes import ARRAYS, UNDEFINED_STATE, StepOutcomes, stack_outcomes
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import problem_dynamics
 from gaitopt.threads import cached_property, per_thread
+from gaitopt.verification.tiled_walks import Rows, TiledWalks, repeated
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 RowLift = Callable[[Array, Array, Array | None], Array]
-UNDEFINED_STATE = StepOutcome(
-    step=None, ending=Ending.NUMERICAL, message="the section coordinates belong to no state of the walker"
-)
-"""Outcome if a coordinate or rate does not follow from the section, for example if a runner is too fast for its
-energy."""
 CHUNK = 4096
 """Number of states in one job, which takes a tenth of a second and a third of a megabyte."""
 
 
 def return_map(
-    start: Problem | Gait, states: Array, *, engine: str = Engine.AUTO, workers: int = 1, should_stop: Stop = None
+    start: Problem | Gait,
+    states: Array,
+    *,
+    engine: str = Engine.AUTO,
+    floor: Floor | None = None,
+    workers: int = 1,
+    should_stop: Stop = None,
 ) -> StepOutcomes:
     """Walk one step from each of many states just after an impact; one step with each leg if the legs differ.
 
@@ -47,12 +49,13 @@ def return_map(
         rest. For a walker with several contacts, these are the coordinates of its gait's section, see
         ``Problem.map_section``.
     engine : ``auto``, ``scipy`` or ``heyoka``.
+    floor : tiles under the feet: the walker stands on tile 0 and lands on tile 1.
     workers : number of processes.
 
     Raises
     ------
     ProblemError
-        If ``start`` is the name of a problem.
+        If ``start`` is the name of a problem, or the walker cannot walk on the floor.
     ValueError
         If ``states`` has another shape or is not finite.
     UnknownNameError
@@ -65,7 +68,7 @@ def return_map(
     chosen = choose_engine(engine, steps=len(xi))
     p = tuple(start.p.tolist()) if isinstance(start, Gait) else None
     chunks = [xi[k : k + CHUNK] for k in range(0, len(xi), CHUNK)] or [xi]
-    arguments = [(problem, p, chosen, chunk) for chunk in chunks]
+    arguments = [(problem, p, chosen, floor, chunk) for chunk in chunks]
     if workers == 1:
         outcomes = [map_chunk(argument) for argument in arguments]
     else:
@@ -96,14 +99,20 @@ def section_coordinates(problem: Problem, states: Array) -> Array:
     return np.hstack([xi, np.zeros((len(xi), len(names) - xi.shape[1]))])
 
 
-def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array], _: None = None) -> StepOutcomes:
+def map_chunk(
+    argument: tuple[Problem, tuple[float, ...] | None, Engine, Floor | None, Array], _: None = None
+) -> StepOutcomes:
     """The job of one chunk of ``return_map``, in any process."""
-    problem, p, engine, xi = argument
-    return step_map(problem, p, engine)(xi)
+    problem, p, engine, floor, xi = argument
+    return step_map(problem, p, engine, floor)(xi)
 
 
 class StepMap:
     """The return map of one system at fixed parameters for arrays of section coordinates (n, k).
+
+    Parameters
+    ----------
+    floor : the tiles on which every walk begins; None for the nominal floor.
 
     Attributes
     ----------
@@ -112,14 +121,14 @@ class StepMap:
     is_stated : whether every step leads back to these coordinates, and they determine the state.
     """
 
-    def __init__(self, dynamics: Dynamics, engine: Engine, problem: Problem) -> None:
+    def __init__(self, dynamics: Dynamics, engine: Engine, problem: Problem, floor: Floor | None = None) -> None:
         correction = dynamics.system.correction
         if correction is not None and correction.every > 1:
             raise ProblemError(
                 f"{problem.name}: feedback from step to step acts once per cycle of {correction.every} steps, but a "
                 "map of states takes one step: simulate walks instead"
             )
-        self.dynamics, self.engine = dynamics, engine
+        self.dynamics, self.engine, self.floor = dynamics, engine, floor
         self.names = names = dynamics.system.state_names
         self.indices, self.is_stated = np.arange(len(names)), False
         self._lift: RowLift = lambda xi, p, near: xi
@@ -129,25 +138,35 @@ class StepMap:
             self._lift = section.row_lift()
         self._near = None if problem.start is None else np.array([problem.start.state[name] for name in names])
 
-    def __call__(self, xi: Array) -> StepOutcomes:
+    def __call__(self, xi: Array, rows: Rows | None = None) -> StepOutcomes:
         """One step from every state; one step with each leg if the legs differ. See ``section_coordinates``."""
-        walked = self.walk(self.lift(xi))
+        states = self.lift(xi)
+        walked = self.walk(states) if self.floor is None else self._on_floor(states).cycle()
         return replace(walked, names=self.names, states=walked.states[:, self.indices])
 
     def lift(self, xi: Array) -> Array:
         """The whole states that have these section coordinates, shape (n, n_z)."""
         return self._lift(xi, self.dynamics.p, self._near)
 
-    def closed(self, xi: Array) -> tuple[Callable[[Array], StepOutcomes], Array]:
+    def closed(self, xi: Array) -> tuple[Callable[..., StepOutcomes], Array]:
         """A map that can follow every walk, and the states in its terms for section coordinates or whole states.
 
-        A walk may leave the section of a gait if more contacts slip or touch. In that case the map takes whole states.
+        A walk may leave the section of a gait if more contacts slip or touch, or on tiles of another height. In that
+        case the map takes whole states. It is given the rows of these states among those with which the walks began.
         """
-        if self.is_stated:
+        if self.is_stated and self.floor is None:
             return self, xi
-        return self.walk, xi if xi.shape[1] == self.dynamics.system.n_z else self.lift(xi)
+        states = xi if xi.shape[1] == self.dynamics.system.n_z else self.lift(xi)
+        if self.floor is None:
+            return self.walk, states
+        walks = self._on_floor(states)
+        return lambda _, rows: walks.cycle(rows), states
 
-    def walk(self, states: Array) -> StepOutcomes:
+    def _on_floor(self, states: Array) -> TiledWalks:
+        assert self.floor is not None
+        return TiledWalks(self.dynamics, states, repeated(self.floor, len(states)), self.engine)
+
+    def walk(self, states: Array, rows: Rows | None = None) -> StepOutcomes:
         """Walk one step from whole states, shape (n, n_z), to whole states, which may lie off the section."""
         first, *others = self._steps
         walked = first(states)
@@ -177,7 +196,7 @@ class StepMap:
 
 
 @per_thread(maxsize=8)
-def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine) -> StepMap:
+def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine, floor: Floor | None = None) -> StepMap:
     """The map of a problem, built once per thread; ``p`` replaces the parameters of the problem if it is given."""
     dynamics = problem_dynamics(problem)
-    return StepMap(Dynamics(dynamics.system, np.array(p)) if p else dynamics, engine, problem)
+    return StepMap(Dynamics(dynamics.system, np.array(p)) if p else dynamics, engine, problem, floor)

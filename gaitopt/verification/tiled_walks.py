@@ -1,7 +1,8 @@
 """Many walks, each on a floor of its own; heyoka advances them in batches, scipy one after the other.
 
 The floors of m walks are arrays of friction, height and slope with a row per walk and a column per tile; the last tile
-repeats. From the tile on where all floors are nominal, the nominal system is simulated, which takes less time.
+repeats, and friction may have a third axis for its static and its kinetic coefficient. From the tile on where all
+floors are nominal, the nominal system is simulated, which takes less time.
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,12 +19,20 @@ from gaitopt.model.modes import FOOT, SWING_FOOT
 from gaitopt.problem.floor import QUANTITIES, Floor
 from gaitopt.requests import Engine
 from gaitopt.simulation.ground import OnTiles, Tiles, check_floor
-from gaitopt.simulation.outcomes import ARRAYS, StepOutcomes, stack_outcomes
+from gaitopt.simulation.outcomes import ARRAYS, UNDEFINED_STATE, StepOutcomes, stack_outcomes
 from gaitopt.simulation.simulator import Simulator, stepper_class
 
 Rows = NDArray[np.intp]
 Floors = Mapping[str, Array]
-"""Friction, height and slope of the tiles of m walks by name, shape (m, tiles) each; a missing one is nominal."""
+"""Friction, height and slope of the tiles of m walks by name, shape (m, tiles) each, or friction (m, tiles, 2); a
+missing one is nominal."""
+
+
+def repeated(floor: Floor, walks: int) -> Floors:
+    """The same floor for some walks."""
+    stated, tiles = floor.to_record(), [floor.tile(n) for n in range(len(floor))]
+    arrays = {name: np.array([getattr(tile, name) for tile in tiles], dtype=float) for name in stated}
+    return {name: np.broadcast_to(values, (walks, *values.shape)) for name, values in arrays.items()}
 
 
 def floor_of(floors: Floors, row: int) -> Floor:
@@ -83,6 +92,20 @@ class TiledWalks:
         self.walking = rows[outcomes.completed]
         return rows, outcomes
 
+    def cycle(self, rows: Rows | None = None) -> StepOutcomes:
+        """One step of some of the walks that go on, all by default; one with each leg if the legs differ.
+
+        The others end.
+        """
+        if rows is not None:
+            self.leave(np.setdiff1d(self.walking, rows))
+        rows, walked = self.step()
+        for _ in self._dynamics.steps[1:]:
+            if self.walking.size:
+                after, step = self.step()
+                walked = walked.followed_by(step, np.searchsorted(rows, after))
+        return walked
+
     def leave(self, rows: Rows) -> None:
         """End some walks."""
         self.walking = np.setdiff1d(self.walking, rows)
@@ -94,6 +117,9 @@ class TiledWalks:
         self.walking = np.union1d(self.walking, rows)
 
     def _walk(self, state: Array, row: int, stepper: type) -> Iterator[StepOutcomes]:
+        if not np.isfinite(state).all():
+            yield stack_outcomes([UNDEFINED_STATE], state[None], self._dynamics.system)
+            return
         floor = floor_of(self._floors, row) if self._floors else None
         simulator = Simulator(self._dynamics, stepper, floor=floor)
         start = state
@@ -117,11 +143,14 @@ class _Batches:
         self._nominal = [BatchSimulator(each) for each in dynamics.steps]
         self._floors = {name: np.array(floors[name], dtype=float) for name in QUANTITIES if name in floors}
         self._tiles = max((values.shape[1] for values in self._floors.values()), default=0)
+        if (friction := self._floors.get("friction")) is not None and friction.ndim == 2:
+            self._floors["friction"] = np.stack([friction, friction], axis=2)
+        drops = "friction" in self._floors and bool(np.ptp(self._floors["friction"], axis=2).any())
         uneven = any(self._floors[name].any() for name in ("height", "slope") if name in self._floors)
-        self._on_tiles = OnTiles(dynamics, drops=False, uneven=uneven)
+        self._on_tiles = OnTiles(dynamics, drops=drops, uneven=uneven)
         level = Dynamics(self._on_tiles.system, self._on_tiles.parameters(0, {}, np.zeros((1, dynamics.system.n_z)))[0])
         self._tiled = BatchSimulator(level) if self._floors else None
-        self._last = self._last_special(dynamics)
+        self._last = self._last_special()
 
     def step(self, n: int, rows: Rows, states: Array) -> StepOutcomes:
         if self._tiled is None or n > self._last:
@@ -142,17 +171,16 @@ class _Batches:
         ]
         zero = np.zeros(rows.size)
         rise = zero if height is None or of[1] is None else of[1] - height[rows, min(base, height.shape[1] - 1)]
-        pair = None if of[0] is None else np.column_stack([of[0], of[0]])
-        return Tiles(friction=pair, height=rise, slope=zero if of[2] is None else of[2])
+        return Tiles(friction=of[0], height=rise, slope=zero if of[2] is None else of[2])
 
-    def _last_special(self, dynamics: Dynamics) -> float:
+    def _last_special(self) -> float:
         """The last step that begins or ends on a tile that is not nominal, or after one of another height."""
         special = np.zeros(self._tiles, dtype=bool)
         for name, values in self._floors.items():
-            full = np.pad(values, ((0, 0), (0, self._tiles - values.shape[1])), mode="edge")
-            nominal = dynamics.static_friction if name == "friction" else 0.0
-            changed = full != (full[:, -1:] if name == "height" else nominal)
-            special |= changed.any(axis=0)
+            full = values[:, np.minimum(np.arange(self._tiles), values.shape[1] - 1)]
+            nominal = {"friction": self._on_tiles.nominal_friction, "height": full[:, -1:]}.get(name, 0.0)
+            changed = np.reshape(full != nominal, (len(full), self._tiles, -1))
+            special |= changed.any(axis=(0, 2))
         if not special.any():
             return -1.0
         return float("inf") if special[-1] else float(np.flatnonzero(special)[-1] + 1)

@@ -138,7 +138,7 @@ class Map:
     def __init__(self, formula):
         self.formula = formula
 
-    def __call__(self, xi):
+    def __call__(self, xi, rows=None):
         states = self.formula(xi)
         fallen = np.abs(states).max(axis=1) > 5
         n = len(xi)
@@ -271,3 +271,19 @@ def test_walkers_with_several_contacts_have_basins(name, over, share, tmp_path):
     assert run.phases == gait.cycle.phases
     assert run.state == pytest.approx(gait.state, abs=1e-5)
     assert go.solve(run).state == pytest.approx(gait.state, abs=1e-10)
+
+
+@pytest.mark.parametrize("engine", ["scipy", pytest.param("heyoka", marks=pytest.mark.slow)])
+def test_a_basin_on_a_floor_holds_the_walks_over_its_tiles(engine, tmp_path):
+    pytest.importorskip(engine)
+    gait, floor = named("compass-passive-stick"), go.Floor(friction=[0.2, 0.134, 0.2])
+    over = {"dtheta1": (gait.state[2] - 0.05, gait.state[2] + 0.05, 3)}
+    result = go.basin(gait, over, floor=floor, engine=engine, workers=1, output=tmp_path, progress=False)
+    assert go.load_run(result.folder).floor == floor
+    plain = go.basin(gait, over, engine=engine, workers=1, output=tmp_path, progress=False)
+    assert plain.floor is None
+    assert plain.folder != result.folder
+    for value, label, steps in zip(result.grid.axes[0].values, result.labels, result.steps, strict=True):
+        walk = go.simulate(gait, {"dtheta1": float(value)}, steps=100, floor=floor)
+        assert walk.completed == (label == 0)
+        assert walk.completed or len(walk.complete_steps) == steps

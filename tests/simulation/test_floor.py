@@ -205,3 +205,34 @@ def test_a_table_with_a_wrong_value_is_refused_with_its_place(tmp_path):
 def test_floors_are_public():
     assert go.Floor is Floor
     assert load_problem("compass-passive-a").friction == 0.14
+
+
+@pytest.mark.parametrize("name", ["compass-passive-a", "heel-toe-slip", "compass-unequal"])
+@pytest.mark.parametrize("engine", ["scipy", pytest.param("heyoka", marks=pytest.mark.slow)])
+def test_the_return_map_on_a_floor_is_the_walk_on_it(name, engine):
+    pytest.importorskip(engine)
+    gait, indices = named(name), named(name).problem.map_section.indices
+    nominal, legs = gait.problem.static_friction, len(gait.dynamics.steps)
+    for floor in (
+        Floor(friction=[nominal, 0.995 * nominal, nominal]),
+        Floor(friction=[(nominal, 0.99 * nominal)], height=[0, 1e-5], slope=[0, 1e-4]),
+    ):
+        mapped = go.return_map(gait, [gait.state[indices]], engine=engine, floor=floor)
+        walk = simulate(gait, steps=legs, floor=floor)
+        assert mapped.outcomes.tolist() == ["completed"]
+        np.testing.assert_allclose(mapped.states[0], walk.trajectory.section_states[-1][indices], atol=1e-11)
+        assert mapped.times[0] == pytest.approx(walk.trajectory.duration, abs=1e-11)
+
+
+def test_a_walk_that_ends_as_impact_inconsistent_meets_the_ground_from_below_behind_the_stance_foot():
+    """Height and place of the swing foot in closed form, before and at the end of such a walk on random friction."""
+    gait = named("compass-passive-a")
+    walk = simulate(gait, steps=5, floor=Floor.random("friction=0.12:0.2", 60, seed=1, walk=65))
+    assert walk.trajectory.ending == "impact_inconsistent"
+    assert "touches the ground from below" in walk.trajectory.message
+    arc, length = walk.trajectory.steps[-1].arcs[-1], gait.dynamics.parameter("walker.leg_length")
+    theta1, theta2, _, dtheta1, dtheta2, _ = arc.states.T
+    height = length * (np.cos(theta1) - np.cos(theta2))
+    assert (height[-5:-1] < 0).all()
+    assert length * (np.sin(theta2) * dtheta2 - np.sin(theta1) * dtheta1)[-1] > 0.1
+    assert 2 * length * np.sin(theta1[-1]) < -0.1  # place of the swing foot, counted from the stance foot

@@ -2,6 +2,7 @@
 
 import json
 from math import asin, cos, pi, sin, sqrt
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 
 import gaitopt as go
 from gaitopt import Floor, load_problem, load_run, robustness, simulate, solve, verify
-from gaitopt.cli.main import app
+from gaitopt.cli.main import app, main
 from gaitopt.errors import GaitoptError
 from gaitopt.gait.measures import measure
 from gaitopt.problem.floor import RandomFloor
@@ -219,6 +220,11 @@ def test_the_command_prints_the_stated_keys_and_resumes(tmp_path, monkeypatch):
     again = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / "run")])
     assert again.exit_code == 0, again.stderr
     assert json.loads(again.stdout) == record
+    page = CliRunner().invoke(app, ["report", record["run"]])
+    assert page.exit_code == 0, page.stderr
+    text = (Path(record["run"]) / "report.html").read_text()
+    assert "norm from height to period" in text
+    assert "data:image/svg+xml" in text
     result = load_run(record["run"])
     assert result.to_record() == {key: value for key, value in record.items() if key != "run"}
     assert len(result.to_frame()) > 15
@@ -241,6 +247,14 @@ def test_wrong_questions_are_refused(make, words, code, tmp_path, monkeypatch):
     assert words in str(error.value)
     assert error.value.exit_code == code
     assert go.Robustness
+
+
+def test_an_unstable_gait_is_printed_as_json_before_exit_code_4(tmp_path, capsys):
+    named("compass-torque-impact-slip").save(tmp_path / "run")
+    assert main(["robustness", str(tmp_path / "run"), "--json", "--quiet"]) == 4
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["spectral_radius"] == pytest.approx(1.157, abs=1e-3)
+    assert "is unstable, its spectral radius is 1.156" in printed.err
 
 
 def test_the_norm_of_a_gait_with_feedback_from_step_to_step_is_that_of_differences():
