@@ -5,6 +5,7 @@
 - ``curve``: the curve of gaits with one mode sequence
 - ``change``: the mode sequence that follows at the end of another one
 - ``switching``: the other branches through a special point
+- ``steps``: the frame of a walk along a curve, step by step, with bounds, special points and changes of modes
 - ``continuation``: the iterable that follows a family, curve after curve
 - ``conditions``: the condition along a curve in two parameters: a critical multiplier, or a margin at zero
 - ``normal_forms``: coefficients of bifurcations: whether stability is lost softly or hard

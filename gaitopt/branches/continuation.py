@@ -6,7 +6,6 @@ ends, the continuation proceeds with the next one that the physics allows. If Ne
 length, even on a finer mesh, IPOPT and then the simulator search for a gait a little further on.
 """
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -28,37 +27,26 @@ from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric, curve_th
 from gaitopt.branches.monitors import MonitorKey, bifurcations_between, is_bifurcation, stride
 from gaitopt.branches.normal_forms import gait_coefficients, stability_words
 from gaitopt.branches.request import FOLLOWS, Request
+from gaitopt.branches.steps import FIRST_LENGTH, HALVED, VANISHED_STRIDE, VANISHING, Steps
 from gaitopt.branches.switching import beginnings
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Gait
-from gaitopt.model.cycle import BREAKPOINT
-from gaitopt.solver.arclength import next_length
 from gaitopt.solver.rollout import retraced
 from gaitopt.solver.solve import solve_gait
 from gaitopt.store.branch import StoredContinuation, StoredPoint
 from gaitopt.verification.verify import confirm
 
-FIRST_LENGTH = 0.005
-"""Arclength of the first step; the range of the parameter has length one."""
-SMALLEST_LENGTH = 1e-9
-"""A step is not halved below this arclength."""
 TANGENT_DISTANCE = 1e-3
 """Arclength from a branch point at which tangents are taken: large compared with rounding errors, and so small that
 curvature is negligible."""
 RESCUE_DISTANCES = (1e-4, 1e-3, 1e-2)
 """Distances from the last point at which IPOPT and the simulator are tried, relative to the span of the parameter."""
-VANISHED_STRIDE = 1e-4
-"""A gait with a shorter stride vanishes. If only a mode sequence ends, strides are much longer."""
-SHORT_SLIP = 1e-4
-"""From a slip that is shorter than this part of the period, the branch without the slip can be reached."""
 FADING_STRIDE = 1e-2
 """A gait with a shorter stride that the simulator does not confirm may be about to vanish."""
 SENSITIVE_RADIUS = 1e4
 """If the spectral radius exceeds this, the reason of an end states it."""
-VANISHING = "the gait vanishes: its steps, or all its motion, become infinitely small"
-HALVED = "the two halves of the cycle become equal: this is a period doubling of a gait with half as many steps"
 
 
 def follow_family(
@@ -115,38 +103,23 @@ def follow_family(
 
 
 @dataclass(kw_only=True, eq=False)
-class Continuation:
-    """One continuation along a family: iterating yields its points and special points in order.
+class Continuation(Steps[BranchPoint, SpecialPoint]):
+    """One continuation along a family, see ``Steps``.
 
     Attributes
     ----------
     gait : the gait from which the family began; its parameters are those of the family.
-    request : the request with both bounds.
-    metric : scales of arclength.
     begin : the first point, or a function that finds it.
-    numbers : numbers for the branches to come.
     number : number of the first branch, if it is known already.
-    should_stop : polled before every step; True ends the continuation without a special point.
     last : the stored point from which the continuation resumes; None if it starts afresh.
-    point : the current point.
-    branch, index : number of the current branch, and of the current point on it.
-    length : arclength of the next step.
-    count : number of points so far.
+    branch : number of the current branch.
     """
 
     gait: Gait
-    request: Request
-    metric: Metric
     begin: CurvePoint | Callable[[], CurvePoint]
-    numbers: Iterator[int]
     number: int | None = None
-    should_stop: Stop = None
     last: StoredPoint | None = field(init=False, default=None)
-    point: CurvePoint = field(init=False)
     branch: int = field(init=False)
-    index: int = field(init=False, default=0)
-    length: float = field(init=False, default=FIRST_LENGTH)
-    count: int = field(init=False, default=0)
 
     def resume(self, stored: StoredContinuation) -> list["Continuation"]:
         """Resume after the stored points of this continuation, as if it had not been interrupted.
@@ -168,30 +141,25 @@ class Continuation:
             ]
         return branches
 
-    def __iter__(self) -> Iterator[BranchPoint | SpecialPoint]:
+    def _begin(self) -> Iterator[BranchPoint | SpecialPoint]:
         if self.last is not None:
             self.point = _restored(self.last, self.request.parameter, self.metric)
             self.branch, self.index, self.length = self.last.branch, self.last.index, self.last.length
-            records: Iterator[BranchPoint | SpecialPoint] = iter(())
-        else:
-            self.point = self.begin if isinstance(self.begin, CurvePoint) else self.begin()
-            self.branch = next(self.numbers) if self.number is None else self.number
-            records = self._point_records()
-        began = time.monotonic()
-        while True:
-            for record in records:
-                yield record
-                if isinstance(record, SpecialPoint) and record.type in TERMINAL:
-                    return
-            if self.should_stop is not None and self.should_stop():
-                return
-            at_bound = self.request.reached(self.point.value) if self.index else None
-            reason = at_bound or self.request.exhausted(self.count, time.monotonic() - began)
-            if reason is not None:
-                end = self._special("end", self.point, reason=reason)
-                yield replace(end, bound=at_bound is not None, open=at_bound is None)
-                return
-            records = self._advance()
+            return iter(())
+        self.point = self.begin if isinstance(self.begin, CurvePoint) else self.begin()
+        self.branch = next(self.numbers) if self.number is None else self.number
+        return self._point_records()
+
+    def _is_end(self, record: BranchPoint | SpecialPoint) -> bool:
+        return isinstance(record, SpecialPoint) and record.type in TERMINAL
+
+    def _end(self, seconds: float) -> SpecialPoint | None:
+        at_bound = self.request.reached(self.point.value) if self.index else None
+        reason = at_bound or self.request.exhausted(self.count, seconds)
+        if reason is None:
+            return None
+        end = self._special("end", self.point, reason=reason)
+        return replace(end, bound=at_bound is not None, open=at_bound is None)
 
     def other_branches(self, special: SpecialPoint) -> tuple[SpecialPoint, list["Continuation"]]:
         """A special point with the numbers of the other branches to follow from it, and their continuations."""
@@ -224,85 +192,29 @@ class Continuation:
         follow = {**self.request.follow, kind: self.request.follow[kind] - 1}
         return replace(self, request=replace(self.request, follow=follow), begin=begin, number=number)
 
-    def _advance(self) -> Iterator[BranchPoint | SpecialPoint]:
-        """One step along the family: its special points, and the point at its end."""
-        here, step = self.point, self._step()
-        if step is None and (finer := here.bisected()) is not None:
-            self.point, self.length = finer, FIRST_LENGTH
-            step = self._step()
-            here = here if step is None else finer
-        if step is None:
-            rescued = _rescued(here)
-            if rescued is None:
-                self.point, radius = here, here.gait.spectral_radius or 0.0
-                reason = (
-                    "neither Newton's method, also on a finer mesh, nor IPOPT nor the simulator finds the next gait"
-                )
-                if radius > SENSITIVE_RADIUS:
-                    reason += f"; a cycle magnifies disturbances, also of rounding, by {radius:.1e}"
-                yield self._special("end", here, "guess", reason)
-                return
-            self.point, self.index, self.length = rescued, self.index + 1, FIRST_LENGTH
-            yield from self._point_records()
+    def _stuck(self) -> Iterator[BranchPoint | SpecialPoint]:
+        rescued = _rescued(self.point)
+        if rescued is None:
+            radius = self.point.gait.spectral_radius or 0.0
+            reason = "neither Newton's method, also on a finer mesh, nor IPOPT nor the simulator finds the next gait"
+            if radius > SENSITIVE_RADIUS:
+                reason += f"; a cycle magnifies disturbances, also of rounding, by {radius:.1e}"
+            yield self._special("end", self.point, "guess", reason)
             return
-        length, point, event = step
-        if event is not None:
-            point, length = event[0].point, event[0].length
-        bound = self.request.crossed(here.value, point.value)
-        if bound is not None:
-            at_bound = here.at_parameter(bound)
-            point, event = (point if at_bound is None else at_bound), None
-        for special in self._bifurcations(point, length):
-            yield special
-            if special.type in TERMINAL:
-                return
-        if event is not None:
-            yield from self._change(*event)
-            return
-        self._move(point)
+        self.point, self.index, self.length = rescued, self.index + 1, FIRST_LENGTH
         yield from self._point_records()
 
-    def _step(self) -> tuple[float, CurvePoint, tuple[Location, MonitorKey] | None] | None:
-        """Arclength and gait of the next step, and the first zero of a monitor on the way.
+    def _at_bound(self, here: CurvePoint, point: CurvePoint, length: float) -> tuple[CurvePoint, float] | None:
+        bound = self.request.crossed(here.value, point.value)
+        at_bound = None if bound is None else here.at_parameter(bound)
+        return None if bound is None else (at_bound or point, length)
 
-        The step is halved until Newton's method converges near the prediction, the curve is nearly straight, and the
-        zero can be located. None if no step is short enough.
-        """
-        here, solutions = self.point, self.point.curve.solutions
-        while self.length > SMALLEST_LENGTH:
-            length = self.length
-            try:
-                point = here.step(length)
-            except ProblemError:  # the parameter is beyond the range that the problem allows
-                bound = self.request.crossed(here.value, here.value + length * float(here.tangent[-1]))
-                point = None if bound is None else here.at_parameter(bound)
-            if point is not None and not (solutions.is_straight(here.point, point.point, length) and point.is_regular):
-                point = None
-            reorder = point is not None and not point.in_order  # a switch has passed a breakpoint of the control
-            if point is not None and reorder and all(key.kind != BREAKPOINT for key in point.lost(here)):
-                reordered = point.reordered()
-                if reordered is not None and not reordered.lost(here):
-                    return length, reordered, None
-            elif point is not None:
-                zeros, event = list[tuple[Location, MonitorKey]](), None
-                lost = point.lost(here)
-                every = any(key.kind == BREAKPOINT for key in lost)
-                for key in lost:
-                    # a monitor that is still positive at the first event has its zero later
-                    if event is None or every or event[0].point.monitor(key) <= 0:
-                        zeros.append((here.locate(point, length, partial(CurvePoint.monitor, key=key)), key))
-                        event = min(zeros, key=lambda zero: zero[0].length)
-                vanishing = _vanishing_slip(zeros)
-                event = vanishing or event
-                if event is None or vanishing is not None or event[0].status == "converged":
-                    self.length = min(next_length(length, point.point.iterations), self.request.largest_length)
-                    return length, point, event
-            self.length /= 2
-        return None
+    def _lost(self, before: CurvePoint, after: CurvePoint) -> list[MonitorKey]:
+        return after.lost(before)
 
-    def _bifurcations(self, point: CurvePoint, length: float) -> Iterator[SpecialPoint]:
-        """Folds, bifurcations and the caller's events between the current point and ``point``, in order."""
-        here, events = self.point, self.request.events
+    def _between(self, here: CurvePoint, point: CurvePoint, length: float) -> Iterator[SpecialPoint]:
+        """Folds, bifurcations and the caller's events between two points, in order."""
+        events = self.request.events
         zeros = [
             (here.locate(point, length, partial(CurvePoint.test, name=test)), kind, test)
             for kind, test in bifurcations_between(here.tests, point.tests).items()
@@ -358,8 +270,9 @@ class Continuation:
         self.length = min(FIRST_LENGTH, length)
         yield from self._point_records()
 
-    def _move(self, point: CurvePoint) -> None:
-        self.point, self.index = point.remeshed() or point, self.index + 1
+    def _move(self, point: CurvePoint, *, moved: bool = True) -> None:
+        self.point = (point.remeshed() or point) if moved else point
+        self.index += moved
 
     def _point_records(self) -> Iterator[BranchPoint | SpecialPoint]:
         """The current point, verified by the simulator if it is due; the end of the family if that refutes it."""
@@ -428,20 +341,6 @@ class Continuation:
             tangent=point.curve.solutions.entries(point.tangent),
             parameter=self.request.parameter,
         )
-
-
-def _vanishing_slip(zeros: Sequence[tuple[Location, MonitorKey]]) -> tuple[Location, MonitorKey] | None:
-    """The zero of the duration of a slip that begins before a breakpoint and vanishes there; None if there is none.
-
-    The torques jump at the breakpoint. The slip therefore ends after a time that is quadratic in the time by which it
-    begins earlier. Newton's method fails close to the event, which is located on the branch without the slip instead.
-    """
-    met = [key.phase for _, key in zeros if key.kind == BREAKPOINT and key.phase is not None]
-    for location, key in zeros:
-        near = location.status == "converged" or location.point.monitor(key) < SHORT_SLIP
-        if near and key.kind == "duration" and key.phase is not None and key.phase - 1 in met:
-            return location, key
-    return None
 
 
 def _rescued(point: CurvePoint) -> CurvePoint | None:

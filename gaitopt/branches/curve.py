@@ -274,8 +274,13 @@ class CurvePoint:
         return curve.with_gait(curve.solutions.across(finer.w, self.direction))
 
     def reordered(self) -> "CurvePoint | None":
-        """The same gait with its arcs in the order that its durations imply; its modes do not change."""
+        """The same gait with its arcs in the order that its durations imply; its modes do not change.
+
+        None if it cannot have them, or if a condition holds along the curve.
+        """
         curve = self.curve
+        if curve.condition is not None:
+            return None
         ordered, w = curve_through(curve.problem, curve.parameter, curve.metric, rolled_again(self.at))
         if ordered.cycle != curve.cycle:  # the torques jump at the breakpoint, which changes the modes
             return None

@@ -10,7 +10,6 @@ Where a monitor vanishes the mode sequence ends. The curve goes on with the next
 too: that of a margin does, that of a bifurcation only if the multipliers are continuous across the change.
 """
 
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -29,11 +28,11 @@ from gaitopt.branches.codimension_two import (
     others_are_complex,
 )
 from gaitopt.branches.conditions import Condition, Eigenvalue, MarginZero, Pair
-from gaitopt.branches.continuation import FIRST_LENGTH, HALVED, SMALLEST_LENGTH, VANISHED_STRIDE, VANISHING
 from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric, curve_through
 from gaitopt.branches.monitors import MonitorKey, monitor_values, stride
 from gaitopt.branches.normal_forms import KINDS, LocalMap, coefficients
 from gaitopt.branches.request import Request
+from gaitopt.branches.steps import FIRST_LENGTH, HALVED, VANISHED_STRIDE, VANISHING, Steps
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.branch import SpecialPoint
@@ -45,7 +44,6 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.transitions import Ending, margin
 from gaitopt.requests import TraceRequest
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.solver.arclength import next_length
 from gaitopt.solver.mesh import Mesh
 from gaitopt.solver.newton import Solution
 from gaitopt.solver.rollout import retraced, roll_out
@@ -274,71 +272,32 @@ def _towards(request: TraceRequest) -> Request:
         max_points=request.max_points,
         max_seconds=request.max_seconds,
         verify_every=request.verify_every,
+        largest_length=LARGEST_LENGTH,
     )
 
 
 @dataclass(kw_only=True, eq=False)
-class CurveWalk:
-    """One walk along a curve: iterating yields its points and special points in order.
+class CurveWalk(Steps[TracePoint, TraceSpecial]):
+    """One walk along a curve, see ``Steps``; its request has one target, and both bounds of the second parameter.
 
     Attributes
     ----------
     start : where it begins.
-    request : with one target, and both bounds of the second parameter.
     first, bounds : the parameter of the branch, and its bounds.
-    metric : scales of arclength.
     sign : of the first step in the second parameter.
-    numbers : of the curves to come.
     stored : what is stored of it, if it was interrupted.
-    should_stop : polled before every step.
+    number : number of the current curve.
     """
 
     start: CurveStart
-    request: Request
     first: str
     bounds: tuple[float, float]
-    metric: Metric
     sign: float
-    numbers: Iterator[int]
     stored: StoredTrace | None = None
-    should_stop: Stop = None
-    point: CurvePoint = field(init=False)
     number: int = field(init=False)
-    index: int = field(init=False, default=0)
-    length: float = field(init=False, default=FIRST_LENGTH)
-    count: int = field(init=False, default=0)
 
-    def __iter__(self) -> Iterator[TracePoint | TraceSpecial]:
-        records: Iterator[TracePoint | TraceSpecial] = iter(())
-        if self.stored is not None and self.stored.last is not None:
-            self._restore(self.stored.last)
-        else:
-            self._begin()
-            records = self._point_records()
-        began = time.monotonic()
-        while True:
-            for record in records:
-                yield record
-                if isinstance(record, TraceSpecial) and record.type == "end":
-                    return
-            if self.should_stop is not None and self.should_stop():
-                return
-            if halved_cycle(self.point.gait) is not None and halved_cycle(self.start.gait) is None:
-                yield self._special("end", self.point, reason=HALVED)
-                return
-            if stride(self.point.gait) < VANISHED_STRIDE:
-                yield self._special("end", self.point, reason=VANISHING)
-                return
-            reached = self._reached() if self.index else None
-            reason = reached or self.request.exhausted(self.count, time.monotonic() - began)
-            if reason is not None:
-                end = self._special("end", self.point, reason=reason)
-                yield replace(end, bound=reached is not None, open=reached is None)
-                return
-            records = self._advance()
-
-    def _begin(self) -> None:
-        """The first point, on the curve exactly.
+    def _begin(self) -> Iterator[TracePoint | TraceSpecial]:
+        """The records of the first point, which is on the curve exactly.
 
         Raises
         ------
@@ -347,6 +306,9 @@ class CurveWalk:
         ProblemError
             If the curve does not depend on the second parameter.
         """
+        if self.stored is not None and self.stored.last is not None:
+            self._restore(self.stored.last)
+            return iter(())
         gait = self.start.gait
         intervals = () if gait.shooting is None else gait.shooting.intervals
         curve, w = curve_through(
@@ -362,6 +324,22 @@ class CurveWalk:
             raise ProblemError(f"the {name} {words}; choose another second parameter").concerning("key")
         self.number = next(self.numbers)
         self._move(point, moved=False)
+        return self._point_records()
+
+    def _is_end(self, record: TracePoint | TraceSpecial) -> bool:
+        return isinstance(record, TraceSpecial) and record.type == "end"
+
+    def _end(self, seconds: float) -> TraceSpecial | None:
+        if halved_cycle(self.point.gait) is not None and halved_cycle(self.start.gait) is None:
+            return self._special("end", self.point, reason=HALVED)
+        if stride(self.point.gait) < VANISHED_STRIDE:
+            return self._special("end", self.point, reason=VANISHING)
+        reached = self._reached() if self.index else None
+        reason = reached or self.request.exhausted(self.count, seconds)
+        if reason is None:
+            return None
+        end = self._special("end", self.point, reason=reason)
+        return replace(end, bound=reached is not None, open=reached is None)
 
     def _restore(self, last: StoredPoint) -> None:
         """Go on from a stored point, to the last bit."""
@@ -389,52 +367,9 @@ class CurveWalk:
         assert condition is not None
         return condition
 
-    def _advance(self) -> Iterator[TracePoint | TraceSpecial]:
-        """One step along the curve: its special points, and the point at its end."""
-        here, step = self.point, self._step()
-        if step is None and (finer := here.bisected()) is not None:
-            self._move(finer, moved=False)
-            self.length = FIRST_LENGTH
-            here, step = self.point, self._step()
-        if step is None:
-            words = "Newton's method finds no next gait, also on a finer mesh"
-            yield replace(self._special("end", here, "guess", words), codimension=1)
-            return
-        length, point, event = step
-        if event is not None:
-            point, length = event[0].point, event[0].length
-        bounded = self._at_bound(here, point, length)
-        if bounded is not None:
-            (point, length), event = bounded, None
-        for special in self._codimension_two(here, point, length):
-            yield special
-            if special.type == "end":
-                return
-        if event is not None:
-            yield from self._change(*event)
-            return
-        self._move(point)
-        yield from self._point_records()
-
-    def _step(self) -> tuple[float, CurvePoint, tuple[Location, MonitorKey] | None] | None:
-        """Arclength and gait of the next step, and the first zero of a monitor on the way; None if no step succeeds."""
-        here = self.point
-        while self.length > SMALLEST_LENGTH:
-            length = self.length
-            try:
-                point = here.step(length)
-            except ProblemError:  # a parameter has left the range that the problem allows
-                point = None
-            straight = point is not None and here.curve.solutions.is_straight(here.point, point.point, length)
-            if point is not None and straight and point.is_regular and point.in_order:
-                lost = self._lost(here, point)
-                zeros = [(here.locate(point, length, partial(CurvePoint.monitor, key=key)), key) for key in lost]
-                event = min(zeros, key=lambda zero: zero[0].length, default=None)
-                if event is None or event[0].status == "converged":
-                    self.length = min(next_length(length, point.point.iterations), LARGEST_LENGTH)
-                    return length, point, event
-            self.length /= 2
-        return None
+    def _stuck(self) -> Iterator[TraceSpecial]:
+        words = "Newton's method finds no next gait, also on a finer mesh"
+        yield replace(self._special("end", self.point, "guess", words), codimension=1)
 
     def _lost(self, before: CurvePoint, after: CurvePoint) -> list[MonitorKey]:
         """Monitors that vanish on a step; not those that are zero along the whole curve."""
@@ -442,7 +377,6 @@ class CurveWalk:
         return [key for key in after.lost(before) if key not in silent and key != self.own]
 
     def _at_bound(self, here: CurvePoint, point: CurvePoint, length: float) -> tuple[CurvePoint, float] | None:
-        """The point at the first bound that a step passes, and the arclength there; None if it passes none."""
         reached = list[tuple[float, CurvePoint]]()
         for key, limits in ((self.first, self.bounds), (self.request.parameter, self.request.bounds)):
             for limit, sign in zip(limits, (-1.0, 1.0), strict=True):
@@ -464,7 +398,7 @@ class CurveWalk:
                     return f"reached {key} = {limit:.12g}"
         return None
 
-    def _codimension_two(self, here: CurvePoint, point: CurvePoint, length: float) -> Iterator[TraceSpecial]:
+    def _between(self, here: CurvePoint, point: CurvePoint, length: float) -> Iterator[TraceSpecial]:
         """Zeros of the test functions between two points, in order; a curve of pairs ends at kappa = 1 and -1."""
         zeros = list[tuple[Location, str]]()
         for name in (*here.curve_tests, *filter(None, [DEGENERATE.get(self.kind)])):
