@@ -71,9 +71,9 @@ from gaitopt.runs.sweep import Sweep as Sweep
 from gaitopt.search.find import Gaits as Gaits
 from gaitopt.show.robots import robot_description as robot_description
 from gaitopt.show.style import figure_style as figure_style
+from gaitopt.solver.feedback_gains import return_map_derivatives as return_map_derivatives
 from gaitopt.solver.following import Family as Family
 from gaitopt.solver.program import NonlinearProgram as NonlinearProgram
-from gaitopt.solver.return_map import return_map_derivatives as return_map_derivatives
 from gaitopt.verification.step_map import return_map as return_map
 from gaitopt.verification.verify import Verification as Verification
 from gaitopt.verification.walk import Walk as Walk

@@ -29,10 +29,9 @@ from gaitopt.problem.faults import raise_faults
 from gaitopt.problem.plausibility import torque_faults
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
-from gaitopt.solver.feedback_gains import designed_gains
+from gaitopt.solver.feedback_gains import designed_gains, return_map_derivatives
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
-from gaitopt.solver.return_map import return_map_derivatives
 from gaitopt.solver.rollout import guessed_motion
 from gaitopt.solver.solve import OTHER_METHODS, free_parameters, solve_gait
 

@@ -36,7 +36,7 @@ from gaitopt.gait.curves import SHORT_ARC, lowest_after_rise
 from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import contact_of, kind, margin_unit
-from gaitopt.solver.jets import Jets, second_derivatives
+from gaitopt.solver.jets import Jets
 from gaitopt.solver.newton import GaitEquations, Solution
 from gaitopt.solver.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.threads import cached_property
@@ -83,12 +83,12 @@ class Eigenvalue:
 
     def value(self, at: Solution) -> float:
         """The least singular value of A - critical, with the sign of its determinant among the others."""
-        return singular_triple(scaled_map(at), self.critical)[0]
+        return singular_triple(at.return_map.scaled, self.critical)[0]
 
     def slopes(self, at: Solution, directions: Array) -> Array:
         """See ``Condition``."""
-        _, left, right = singular_triple(scaled_map(at), self.critical)
-        return map_slopes(at, left[:, None], right[:, None], directions)
+        _, left, right = singular_triple(at.return_map.scaled, self.critical)
+        return at.return_map.slopes(left[:, None], right[:, None], directions)
 
     def followed(self, at: Solution) -> "Eigenvalue":
         """The condition as it is followed from a solution on."""
@@ -113,13 +113,13 @@ class Pair:
 
     def slopes(self, at: Solution, directions: Array) -> Array:
         """See ``Condition``."""
-        left, right, S = invariant_plane(scaled_map(at), self.multipliers(at))
+        left, right, S = invariant_plane(at.return_map.scaled, self.multipliers(at))
         determinant = float(np.linalg.det(S))
-        return determinant * map_slopes(at, left, right @ np.linalg.inv(S), directions)
+        return determinant * at.return_map.slopes(left, right @ np.linalg.inv(S), directions)
 
     def multipliers(self, at: Solution) -> NDArray[np.complex128]:
         """The pair."""
-        return pair_nearest(eigenvalues(scaled_map(at)), self.kappa)
+        return pair_nearest(eigenvalues(at.return_map.scaled), self.kappa)
 
     def followed(self, at: Solution) -> "Pair":
         """The pair as it is at a solution."""
@@ -156,28 +156,6 @@ class MarginZero:
         start = np.broadcast_to(at.w, (1, *coefficients.shape[1:]))
         jets = Jets(at.equations, at.p, np.concatenate([start, coefficients]))
         return _MonitorSeries(at, jets).of(self.key).T
-
-
-def scaled_map(at: Solution) -> Array:
-    """The derivative of the return map in all coordinates of the state, in natural units; shape (n_z, n_z)."""
-    return _sensitivity(at)[1]
-
-
-def map_slopes(at: Solution, left: Array, right: Array, directions: Array) -> Array:
-    """Derivatives of sum_k l_k' A r_k along directions in the surface, shape (m,); l, r in natural units, (n_z, k).
-
-    The response u of the cycle to a deviation r, and the adjoint q of a weight l, satisfy F' u = 0 and q' F' = 0 but
-    in the last reset, so that the change of l' A r is that of the equations alone: dA = -q' F''(u, N).
-    """
-    response, _, adjoint, units = _sensitivity(at)
-    m, count, n_z = len(directions), left.shape[1], at.equations.system.n_z
-    weights = left / units[:, None]
-    q = adjoint(weights)
-    q[-n_z:] = weights
-    u = np.zeros((count, at.w.size))
-    u[:, : len(response)] = (response @ right).T
-    bent = second_derivatives(at.equations, at.w, at.p, np.repeat(u, m, axis=0), np.tile(directions, (count, 1)))
-    return -np.einsum("nk,kmn->m", q, bent.reshape(count, m, -1))
 
 
 def eigenvalues(A: Array) -> NDArray[np.complex128]:
@@ -217,13 +195,6 @@ def _pairs(multipliers: NDArray[np.complex128]) -> Iterator[tuple[Any, Any]]:
     for a, b in combinations(multipliers, 2):
         if a.imag == -b.imag:
             yield a, b
-
-
-def _sensitivity(at: Solution) -> tuple[Array, Array, Any, Array]:
-    """Response and return map for deviations of one natural unit each, the adjoint in SI, and these units."""
-    units = at.equations.dynamics(at.p, at.equations.unpack(at.w).freed).state_units
-    response, returned, adjoint = at.full_sensitivity
-    return response * units, returned * units / units[:, None], adjoint, units
 
 
 class Conditioned:

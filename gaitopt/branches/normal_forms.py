@@ -25,11 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.branches.conditions import eigenvalues, pair_nearest, scaled_map, singular_triple
+from gaitopt.branches.conditions import eigenvalues, pair_nearest, singular_triple
 from gaitopt.gait.gait import Gait
 from gaitopt.solver.assembly import solution_of
-from gaitopt.solver.jets import Jets
-from gaitopt.solver.newton import Solution, opened_cycle
+from gaitopt.solver.newton import Solution
 
 RESONANT = 1e-4
 """Distance of cos theta from that of a resonance 1:1 to 1:4 below which a Neimark-Sacker point has no normal form."""
@@ -137,27 +136,8 @@ def coefficients(local: LocalMap, kind: str, kappa: float = 0.0) -> dict[str, fl
 
 def local_map(at: Solution) -> LocalMap:
     """The return map of a solution, in natural units and in all coordinates of the state after the impact."""
-    system, n_z = at.equations.system, at.equations.system.n_z
-    units = at.equations.dynamics(at.p, at.equations.unpack(at.w).freed).state_units
-    opened, reset = opened_cycle(at)
-    last = slice((at.equations.n_nodes - 1) * n_z, at.equations.n_nodes * n_z)
-
-    def taylor(directions: Array, highest: int) -> Array:
-        m, returned = len(directions), list[Array]()
-        curves = np.zeros((highest + 1, m, at.w.size))
-        curves[0] = at.w
-        for order in range(1, highest + 1):
-            known = np.zeros((m, at.residual.size))  # equations of this order without its unknowns
-            if order > 1:
-                known = Jets(at.equations, at.p, curves[: order + 1]).equalities()[order]
-            right = -known.T
-            right[-n_z:] = (directions * units).T if order == 1 else 0.0
-            curves[order, :, : len(right)] = opened.solve(right).T
-            # the last reset is z_0 - Pi, and the derivative of Pi by the last node that of the reset
-            returned.append((curves[order][:, last] @ reset.T - known[:, -n_z:]) / units)
-        return np.array(returned)
-
-    return LocalMap(scaled_map(at), taylor, system.section(at.equations.mesh.cycle).indices)
+    section = at.equations.system.section(at.equations.mesh.cycle)
+    return LocalMap(at.return_map.scaled, at.return_map.taylor, section.indices)
 
 
 def gait_coefficients(kind: str, gait: Gait) -> dict[str, float | None]:

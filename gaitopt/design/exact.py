@@ -213,7 +213,7 @@ class _ExactScalars:
     def scalar(self, name: str) -> tuple[float, Array]:
         """A scalar and its derivatives; an extremum has those of the value that is the extremum here."""
         if name == RADIUS:
-            value, weights = modulus_gradient(self.gait.return_map[1])
+            value, weights = modulus_gradient(self.gait.solution.return_map.by_section)
             return value, self._by_return_map(weights)
         if name not in EXTREMA:
             value, gradient = self.gait.smooth(name)
@@ -224,14 +224,16 @@ class _ExactScalars:
     def extreme(self, name: str) -> float:
         """The value of an extremum."""
         if name == RADIUS:
-            return max(float(np.abs(np.linalg.eigvals(self.gait.return_map[1])).max()), SMALLEST_RADIUS)
+            return max(
+                float(np.abs(np.linalg.eigvals(self.gait.solution.return_map.by_section)).max()), SMALLEST_RADIUS
+            )
         return self.scalar(name)[0]
 
     def escaped(self, radius: float) -> bool:
         """Whether two multipliers together have left the circle of this radius."""
         if not np.isfinite(radius) or self.extreme(RADIUS) <= radius + OUTSIDE:
             return False
-        return all(row.value > 0 for row in circle_inequalities(self.gait.return_map[1], radius))
+        return all(row.value > 0 for row in circle_inequalities(self.gait.solution.return_map.by_section, radius))
 
     def margins(self) -> Iterator[Constraint]:
         """The margins of the modes and of the impact."""
@@ -249,7 +251,7 @@ class _ExactScalars:
     def bounded(self, name: str, bound: float, slope: Array, sense: int) -> Iterator[Constraint]:
         """Constraints by which all values lie below a bound with derivative ``slope``; above it if ``sense`` is -1."""
         if name == RADIUS:
-            for row in circle_inequalities(self.gait.return_map[1], bound):
+            for row in circle_inequalities(self.gait.solution.return_map.by_section, bound):
                 if row.value <= INACTIVE:
                     gradient = self._by_return_map(row.by_matrix) + row.by_radius * slope
                     yield Constraint(name=name, key=f"{name} {row.name}", value=row.value, gradient=gradient)

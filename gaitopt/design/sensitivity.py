@@ -16,7 +16,7 @@ The multipliers are the eigenvalues of M = DPi, and those of M + dM are, with le
     d lambda = l' dM r,      d |lambda| = Re(conj(lambda) d lambda) / |lambda|
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, groupby
 from typing import Any, NamedTuple
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
-from gaitopt.design.spectral_radius import eigenvalue_gradients, return_map_gradient
+from gaitopt.design.spectral_radius import eigenvalue_gradients
 from gaitopt.gait import curves
 from gaitopt.gait.measures import ON_THE_SPOT, WITHOUT_FORCE, sharing_contacts, swings
 from gaitopt.gait.trajectory import Arc
@@ -41,9 +41,8 @@ from gaitopt.problem.scalars import SCALARS, Instant, phase_of
 from gaitopt.solver.assembly import assemble_steps
 from gaitopt.solver.diagnosis import AIRBORNE
 from gaitopt.solver.interval import step_derivatives
-from gaitopt.solver.newton import Solution, section_sensitivity
+from gaitopt.solver.newton import Solution
 from gaitopt.solver.shooting import Label, MultipleShooting
-from gaitopt.threads import cached_property
 
 COUNTS = (17, 25, 33, 65, 129, 257)
 """Numbers of Chebyshev points, tried in turn until an arc is resolved; every point takes an integration step."""
@@ -386,20 +385,13 @@ class Sensitivity:
                     heights.append(Candidate(f"foot_clearance {k} passing", *_at_root(arc.height, arc.ahead, after)))
             yield heights
 
-    @cached_property
-    def return_map(self) -> tuple[Array, Array, Callable[[Array], Array]]:
-        """Response V of the cycle, derivative M of the return map, and adjoint of V; see ``section_sensitivity``."""
-        return section_sensitivity(self.solution)
-
     def by_return_map(self, weights: Array) -> Array:
-        """Gradient of <weights, M>, shape (n_free,)."""
-        at, (V, _, adjoint) = self.solution, self.return_map
-        gradient = return_map_gradient(at.equations)(at.w, at.p, V, adjoint(weights), weights)
-        return np.asarray(gradient @ self.slopes)
+        """Gradient of <weights, M>, shape (n_free,), where M is the derivative of the return map."""
+        return np.asarray(self.solution.return_map.gradient(weights) @ self.slopes)
 
     def multipliers(self) -> list[Multiplier]:
         """The multipliers, largest modulus first."""
-        values, slopes = eigenvalue_gradients(self.return_map[1])
+        values, slopes = eigenvalue_gradients(self.solution.return_map.by_section)
         return [
             Multiplier(complex(value), self.by_return_map(slope.real) + 1j * self.by_return_map(slope.imag))
             for value, slope in zip(values, slopes, strict=True)

@@ -1,11 +1,6 @@
 """The spectral radius of a gait's return map as an objective or a constraint, with exact gradients.
 
-Two formulations bound it. Both need M = DPi, the derivative of the return map. It follows from the equalities F,
-differentiated along deviations V = (nodes, durations) that start on the section. The durations follow the events, so
-that no saltation formula is needed:
-
-    A V = B,      M = R V_K             A = dF/dw with the section instead of periodicity, R the derivative of the
-    impact
+Two formulations bound it. Both need M = DPi, the derivative of the return map; see ``solver.return_map``.
 
 **Smoothed radius**, for IPOPT. A radius rho with
 
@@ -13,10 +8,9 @@ that no saltation formula is needed:
 
 exceeds the modulus of every multiplier, because xi' P xi falls by more than rho^2 with every step. It is smooth where
 multipliers meet, cross, turn complex or vanish: Vanbiervliet, Vandereycken, Michiels, Vandewalle & Diehl (2009), here
-in discrete time. Its gradient, with the adjoints X of P and Lambda of V:
+in discrete time. Its gradient by M, with the adjoint X of P:
 
-    X = (M / rho) X (M / rho)' + I,      G = P M X / trace(M' P M X) rho,      A' Lambda = R' G
-    d rho = <G, dR V_K> + <Lambda, dB - dA V>
+    X = (M / rho) X (M / rho)' + I,      G = P M X / trace(M' P M X) rho,      d rho = <G, dM>
 
 **Circle inequalities**, for the exact problem. With C = M / rho and its second compound C ^ C, whose eigenvalues are
 the products of two:
@@ -29,24 +23,24 @@ even Lipschitz. They hold again after two multipliers have left the circle toget
 solution.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
-from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, vertcat
+from casadi import DM, MX, Callback, Function, Sparsity
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, overflow_allowed
-from gaitopt.building import BUILT, building, built_once
+from gaitopt.building import building
 from gaitopt.gait.zero_dynamics import has_zero_dynamics, unactuated_direction
 from gaitopt.integration import bracketed_root
-from gaitopt.model.buffered import BufferedFunction
 from gaitopt.model.modes import Mode
 from gaitopt.model.virtual_constraints import VirtualConstraints
-from gaitopt.solver.newton import Solution, section_sensitivity
+from gaitopt.solver.newton import Solution
+from gaitopt.solver.return_map import MapDerivatives
 from gaitopt.solver.shooting import MultipleShooting
 
 EPSILON = 1e-6
@@ -58,37 +52,6 @@ INFINITE_LOG = 50.0
 """This number stands for the logarithm of an infinite trace."""
 SMALLEST_RADIUS = 1e-3
 """Smaller multipliers count as zero: deviations vanish within a step."""
-
-
-class ReturnMapGradient:
-    """Gradient of <G, M> by the unknowns w, where M is the derivative of the return map and G a matrix of weights."""
-
-    @building
-    def __init__(self, t: MultipleShooting) -> None:
-        n_z, n, section = t.system.n_z, t.equalities.numel(), t.system.section(t.mesh.cycle)
-        indices = section.indices.tolist()
-        V, adjoint = MX.sym("V", n, len(indices)), MX.sym("Lambda", n, len(indices))
-        G = MX.sym("G", len(indices), len(indices))
-        by_freed, nodes = MX.zeros(len(t.free), len(indices)), n_z * t.n_nodes
-        changed = jtimes(t.equalities[:-n_z], t.w, vertcat(V, by_freed))
-        start = section.tangents(t.Z[:, 0], t.p[: len(t.system.walker.model_fields)])
-        before, after = MX.zeros(nodes - n_z, len(indices)), MX.zeros(n - nodes, len(indices))
-        last = vertcat(before, V[nodes - n_z : nodes, :], after, by_freed)
-        returned = -jtimes(t.equalities[-n_z:], t.w, last)[indices, :]  # the last rows are z_0 less the reset
-        product = dot(G, returned) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], changed)
-        function = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
-        self._gradient = BufferedFunction(BUILT.watch(function))
-
-    def __call__(self, w: Array, p: Array, V: Array, adjoint: Array, G: Array) -> Array:
-        """The gradient, shape (n_w,); for V and adjoint see ``newton.section_sensitivity``."""
-        matrices = (matrix.ravel(order="F") for matrix in (V, adjoint, G))
-        return self._gradient(w, p, *matrices)[0].copy()
-
-
-@built_once(maxsize=8)
-def return_map_gradient(equations: MultipleShooting) -> ReturnMapGradient:
-    """The gradient of the return map of these equations, cached because searches and tables evaluate it repeatedly."""
-    return ReturnMapGradient(equations)
 
 
 def certified_radius(equations: MultipleShooting) -> Function:
@@ -165,21 +128,20 @@ class _CertifiedRadius(Callback):
         if not np.isfinite(w).all():
             return None
         try:
-            V, M, adjoint = section_sensitivity(Solution(self.equations, w, p))
+            linear = Solution(self.equations, w, p).return_map
+            M = linear.by_section
         except RuntimeError:  # singular
             return None
         if np.isfinite(M).all():
             with suppress(ValueError):  # rounding hides the radius of a matrix that is very large
-                self._certificate = _Certificate(V, M, adjoint, *smoothed_radius(M))
+                self._certificate = _Certificate(linear, *smoothed_radius(M))
         return self._certificate
 
 
 class _Certificate(NamedTuple):
-    """Response V of the step, derivative M of the return map, adjoint of V, certified radius of M with its P."""
+    """The return map, the certified radius of its derivative M, and its P."""
 
-    V: Array
-    M: Array
-    adjoint: Callable[[Array], Array]
+    linear: MapDerivatives
     radius: float
     P: Array
 
@@ -190,7 +152,6 @@ class _RadiusGradient(Callback):
     def __init__(self, radius: _CertifiedRadius, name: str, options: Mapping[str, Any]) -> None:
         super().__init__()
         self._equations, self._certificate = radius.equations, radius.certificate
-        self._gradient = ReturnMapGradient(radius.equations)
         self.construct(name, options)
 
     def get_n_in(self) -> int:
@@ -212,8 +173,8 @@ class _RadiusGradient(Callback):
         certificate = self._certificate(w, p)
         if certificate is None:
             return [DM(np.full((1, w.size), np.nan)), DM(1, p.size)]
-        G = radius_gradient(certificate.M, certificate.radius, certificate.P)
-        return [DM(self._gradient(w, p, certificate.V, certificate.adjoint(G), G)).T, DM(1, p.size)]
+        G = radius_gradient(certificate.linear.by_section, certificate.radius, certificate.P)
+        return [DM(certificate.linear.gradient(G)).T, DM(1, p.size)]
 
 
 def smoothed_radius(M: Array) -> tuple[float, Array]:

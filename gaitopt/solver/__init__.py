@@ -7,7 +7,8 @@ From a problem to its gait:
 - ``mesh``: arcs and shooting intervals of a cycle.
 - ``shooting``: the equations of a cycle: equalities, margins, labels of their rows, Jacobian.
 - ``interval``: one shooting interval: Runge-Kutta step, samples, derivatives.
-- ``newton``: a solution, Newton's method, integration error, refinement, derivative of the return map.
+- ``newton``: a solution, Newton's method, integration error, refinement.
+- ``return_map``: derivatives of the return map of a solution, of any order.
 - ``sparse``: sparse matrices and their QR factors.
 - ``ipopt``: nonlinear programs in blocks of unknowns and rows; IPOPT through CasADi.
 - ``diagnosis``: why a motion is not a gait.
@@ -28,6 +29,5 @@ Other uses of the same equations:
 - ``arclength``: curves of solutions of any equations: predictor, corrector, location of zeros.
 - ``following``: a known gait at other parameter values: ``follow``, ``Family``.
 - ``jets``: directional derivatives of any order of the equations of a gait.
-- ``feedback_gains``: gains of feedback from step to step.
-- ``return_map``: derivatives of the return map of a gait by its state and by parameters.
+- ``feedback_gains``: the linearised return map of a gait, and gains of feedback from step to step.
 """

@@ -14,7 +14,7 @@ from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Method
 from gaitopt.solver.mesh import COINCIDENT, mesh_of
-from gaitopt.solver.newton import Solution, section_sensitivity
+from gaitopt.solver.newton import Solution
 from gaitopt.solver.shooting import transcribe
 
 
@@ -84,7 +84,7 @@ def assemble_gait(
             residual=at.size,
             errors=at.errors if errors is None else errors,
         ),
-        multipliers=floquet_multipliers(section_sensitivity(at)[1]),
+        multipliers=floquet_multipliers(at.return_map.by_section),
         measures=measure(steps),
         freed=dict(zip(equations.free, map(float, freed), strict=True)),
         solver=solver,

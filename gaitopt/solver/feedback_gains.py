@@ -1,4 +1,9 @@
-"""Gains K of feedback from step to step, u = K x, for the linearised return map x+ = A x + B u.
+"""The linearised return map under parameters as inputs, and gains of feedback from step to step, u = K x, for it.
+
+    x = xi_n - xi*,  u = u_n - u*,  x+ = A x + B u      A = dPi/dxi,  B = dPi/du
+
+The parameters u, of control, walker or friction, act during one whole cycle: also in the lift of the section
+coordinates to a state and in the last impact.
 
     lqr               K = -(R + B' P B)^-1 B' P A     with the solution P of the discrete Riccati equation
     deadbeat          (A + B K)^n = 0                 by the subspaces from which zero is reached in k steps
@@ -9,14 +14,18 @@ largest of these subspaces is not the whole space, a nonzero multiplier cannot b
 A + B K maps every S_(k+1) into S_k.
 """
 
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 
-from gaitopt.arrays import Array
-from gaitopt.errors import SolveError
+from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.errors import ProblemError, SolveError, UnknownNameError
+from gaitopt.gait.gait import Gait, require_gait
 from gaitopt.model.step_feedback import FeedbackDesign, Lqr, MinimumRadius
-from gaitopt.solver.return_map import ReturnMapDerivatives
+from gaitopt.problem.faults import nearest_keys
+from gaitopt.solver.assembly import solution_of
 
 NEGLIGIBLE = 1e-9
 """A direction belongs to a subspace if its singular value, relative to the largest one, exceeds this number."""
@@ -24,6 +33,65 @@ NILPOTENT = 1e-6
 """Largest entry of (A + B K)^n, relative to that of A, that is attributed to rounding."""
 STARTS, SEED = 24, 1
 """Number of starting gains that the search for the least radius compares, and its random seed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReturnMapDerivatives(ReadOnlyArrays):
+    """The linearised return map of a gait, in SI.
+
+    Attributes
+    ----------
+    A : ndarray, shape (n, n) - derivative by the section coordinates.
+    B : ndarray, shape (n, m) - derivative by the parameters, at fixed section coordinates.
+    names : names of the n section coordinates.
+    keys : dotted keys of the m parameters.
+    """
+
+    A: Array
+    B: Array
+    names: tuple[str, ...]
+    keys: tuple[str, ...]
+
+
+def return_map_derivatives(gait: Gait, keys: Sequence[str] = ()) -> ReturnMapDerivatives:
+    """Exact derivatives of a gait's return map by the state just after the impact and by parameters.
+
+    Parameters
+    ----------
+    gait : a gait; the return map is that of its whole cycle.
+    keys : dotted keys of continuous parameters of control, walker or friction. They act during the whole cycle.
+
+    Returns
+    -------
+    derivatives : ``A`` (n, n) and ``B`` (n, m) in SI, ``names`` of the section coordinates and ``keys``.
+
+    Raises
+    ------
+    ProblemError
+        If the name of a problem is given in place of its gait, or a key twice.
+    SolveError
+        If the gait is a failed solve, or comes from a file, where its nodes are not kept.
+    UnknownNameError
+        If a key is not that of a continuous parameter.
+    """
+    require_gait(gait, "return_map_derivatives")
+    name, keys = gait.problem.name, (keys,) if isinstance(keys, str) else tuple(keys)
+    if not gait.converged:
+        raise SolveError(f"{name} is {gait.status}: {gait.message}")
+    if gait.shooting is None:
+        raise SolveError(f"{name}: a gait from a file has no shooting nodes; solve its problem again")
+    for k, key in enumerate(keys):
+        if key not in gait.system.parameters:
+            raise UnknownNameError(f"{key} is not a parameter of {name}{nearest_keys(key, gait.system.parameters)}")
+        if isinstance(gait.problem.parameters.get(key), int):
+            raise UnknownNameError(f"{key} is a whole number, by which the return map has no derivative")
+        if key in keys[:k]:
+            raise ProblemError(f"{key} is given twice")
+    at = solution_of(gait, keys)
+    section = gait.system.section(gait.cycle)
+    return ReturnMapDerivatives(
+        A=at.return_map.by_section, B=at.return_map.by_parameters, names=section.names, keys=keys
+    )
 
 
 def designed_gains(name: str, map_: ReturnMapDerivatives, units: Array, design: FeedbackDesign) -> Array:

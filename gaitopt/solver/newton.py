@@ -4,13 +4,12 @@
                                     from a solution, down to rounding                             ``polish``
     J dw = -halved defects          integration error of a solution, by a finer integration       ``integration_error``
                                     more intervals until it is small                              ``refine``
-    A dW = lift,  DPi = R_z dW_K    derivative of the return map, with A = J opened at the last reset
 
 Steps that halve keep the solution within twice the first step of the guess, so that it belongs to the guess and not to
 another family; other starts are left to IPOPT. P. Deuflhard (2004), Newton Methods for Nonlinear Problems, ch. 2.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +20,7 @@ from gaitopt.gait.gait import Status
 from gaitopt.requests import NEWTON_STEPS
 from gaitopt.solver.arclength import CONTRACTION, LONGEST_FIRST_STEP
 from gaitopt.solver.interval import ORDER
+from gaitopt.solver.return_map import MapDerivatives
 from gaitopt.solver.shooting import MultipleShooting, NaturalUnits, transcribe
 from gaitopt.solver.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.threads import cached_property
@@ -152,9 +152,9 @@ class Solution:
         return Solution(self.equations, w, self.p, iterations=self.iterations + 1, chord=chord)
 
     @cached_property
-    def full_sensitivity(self) -> tuple[Array, Array, Callable[[Array], Array]]:
-        """``cycle_sensitivity`` to a deviation of every coordinate of the first state."""
-        return cycle_sensitivity(self, np.eye(self.equations.system.n_z))
+    def return_map(self) -> MapDerivatives:
+        """The return map with its derivatives."""
+        return MapDerivatives(self.equations, self.w, self.p, self.jacobian, self.scaled_as_square)
 
     @cached_property
     def errors(self) -> Array:
@@ -324,89 +324,6 @@ def integration_error(at: Solution) -> tuple[Array, Array]:
     right[: at.halving.size] = at.halving
     nodes, durations, _ = at.equations.unpack(at.scaled.solve(right))
     return nodes, durations
-
-
-def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], Array]]:
-    """Response of the cycle to a deviation on the section, by implicit differentiation of the equalities.
-
-    Returns
-    -------
-    response : ndarray, shape (n, n_xi) - derivatives of nodes and durations.
-    returned : ndarray, shape (n_xi, n_xi) - derivative of the return map: the deviation after the cycle.
-    adjoint : function that maps weights (n_xi, k) of ``returned`` to weights (n, k) of the equations of ``response``.
-    """
-    section = at.equations.system.section(at.equations.mesh.cycle)
-    full = at.equations.dynamics(at.p, at.equations.unpack(at.w).freed).p
-    tangent = section.tangent(at.w[: at.equations.system.n_z], full)
-    response, returned, adjoint = cycle_sensitivity(at, tangent)
-
-    def of_section(weights: Array) -> Array:
-        every = np.zeros((len(tangent), weights.shape[1]))
-        every[section.indices] = weights
-        return adjoint(every)
-
-    return response, returned[section.indices], of_section
-
-
-def cycle_sensitivity(at: Solution, deviations: Array) -> tuple[Array, Array, Callable[[Array], Array]]:
-    """Response of the cycle to deviations (n_z, k) of its first state, which may leave the section.
-
-    The results are those of ``section_sensitivity``. The last reset leads back to the section, so that the multipliers
-    of deviations across it are zero.
-    """
-    equations, n_z = at.equations, at.equations.system.n_z
-    opened, reset = opened_cycle(at)
-    n, last = at.residual.size, slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z)
-    right = np.zeros((n, deviations.shape[1]))
-    right[n - n_z :] = deviations
-    response = opened.solve(right)
-
-    def adjoint(weights: Array) -> Array:
-        end = np.zeros((n, weights.shape[1]))
-        end[last] = reset.T @ weights
-        return opened.solve_transposed(end)
-
-    return response, reset @ response[last], adjoint
-
-
-def parameter_sensitivity(at: Solution) -> Array:
-    """Derivative of the return map by the freed parameters at fixed section coordinates, shape (n_xi, n_free).
-
-    The parameters act during the whole cycle: on the state that the section coordinates determine, along the motion,
-    and in the last reset.
-    """
-    equations, n_z = at.equations, at.equations.system.n_z
-    opened, reset = opened_cycle(at)
-    n, last = at.residual.size, slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z)
-    section = equations.system.section(equations.mesh.cycle)
-    full = equations.dynamics(at.p, equations.unpack(at.w).freed).p
-    by_free = at.jacobian.dense(n, at.w.size)
-    by_lift = section.by_parameters(at.w[:n_z], full)
-    numbers = {name: k for k, name in enumerate(equations.system.parameters)}
-    right = -by_free
-    right[n - n_z :] = 0.0
-    for column, name in enumerate(equations.free):
-        if numbers[name] < by_lift.shape[1]:
-            right[n - n_z :, column] = by_lift[:, numbers[name]]
-    response = opened.solve(right)
-    return np.asarray((reset @ response[last] - by_free[n - n_z :])[section.indices])
-
-
-def opened_cycle(at: Solution) -> tuple[ScaledMatrix, Array]:
-    """Derivatives of a cycle that starts from a given state instead of the last reset, and of that reset.
-
-    Returns
-    -------
-    opened : the matrix ``square``, but the last rows do not depend on the last node.
-    reset : ndarray, shape (n_z, n_z) - derivative of the state after the last reset by the last node.
-    """
-    equations = at.equations
-    n_z, n = equations.system.n_z, at.residual.size
-    last, pattern = slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z), at.square.pattern
-    reset = -at.square.dense(last.start, last.stop)[n - n_z :]
-    columns, data = slice(*pattern.pointers[[last.start, last.stop]]), at.square.data.copy()
-    data[columns][pattern.rows[columns] >= n - n_z] = 0.0
-    return at.scaled_as_square(SparseMatrix(pattern=pattern, data=data)), reset
 
 
 def _resampled(coarse: Solution, intervals: Sequence[int]) -> Solution:

@@ -19,7 +19,7 @@ from gaitopt.branches.switching import beginnings
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import SpecialPoint, cascades
 from gaitopt.gait.gait import floquet_multipliers
-from gaitopt.solver.newton import Solution, section_sensitivity
+from gaitopt.solver.newton import Solution
 from gaitopt.solver.rollout import retraced
 from gaitopt.store.branch import resumable, stored_continuations
 from gaitopt.store.gaits import special_point
@@ -77,7 +77,7 @@ def test_a_gait_walked_twice_has_the_squared_multipliers() -> None:
     problem = gait.problem.with_modes(Cycle(gait.problem.cycle.steps * 2), state)
     metric = Metric.of(gait, 0.01)
     twice, w = curve_through(problem, SLOPE, metric, retraced(gait, 2))
-    _, derivative, _ = section_sensitivity(Solution(twice.equations, w, twice.p))
+    derivative = Solution(twice.equations, w, twice.p).return_map.by_section
     multipliers = floquet_multipliers(derivative)
     assert multipliers == pytest.approx(gait.multipliers**2, abs=1e-6)
 

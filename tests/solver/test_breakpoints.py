@@ -13,7 +13,6 @@ from gaitopt.requests import Engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.solver.assembly import solution_of
 from gaitopt.solver.following import Family, follow
-from gaitopt.solver.newton import section_sensitivity
 from gaitopt.solver.rollout import retraced, roll_out, rolled_again
 from gaitopt.solver.solve import solve_gait
 from gaitopt.verification.return_map import ReturnMap
@@ -48,7 +47,7 @@ def test_differences_of_five_walked_steps_confirm_the_fifth_power_of_the_derivat
     walk = ReturnMap(Simulator(gait.dynamics, stepper_class(engine)), Mode.STICK, n)
     h = 1e-5 * walk.unit
     columns = [(walk(xi + h * e).xi - walk(xi - h * e).xi) / (2 * h @ e) for e in np.eye(xi.size)]
-    derivative = section_sensitivity(solution_of(gait))[1]
+    derivative = solution_of(gait).return_map.by_section
     np.testing.assert_allclose(np.column_stack(columns), np.linalg.matrix_power(derivative, n), atol=2e-6)
 
 
