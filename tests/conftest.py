@@ -44,13 +44,15 @@ def forked_workers():
 
 
 @pytest.fixture(scope="session", autouse=True)
-def short_series_unrolled():
-    """The series of wheels and runners are compiled as in commands, longer ones as loops: in a third of the time."""
+def quickly_compiled(request):
+    """Short series are unrolled as in commands, longer ones are loops; the quick tests do not optimise their code."""
     if importlib.util.find_spec("heyoka") is None:
         yield
         return
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("gaitopt.simulation.heyoka_code.LONGEST_UNROLLED", 100)
+        if request.config.option.markexpr == "not slow":
+            patch.setattr("gaitopt.simulation.heyoka_code.OPTIMISATION", 0)
         yield
 
 

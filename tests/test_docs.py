@@ -29,7 +29,9 @@ def blocks(language: str, pages: list[Path] = PAGES) -> list[str]:
     return [block for page in pages for block in re.findall(pattern, page.read_text(), re.MULTILINE | re.DOTALL)]
 
 
-LONG = re.compile(r"--starts|reproduce|find\(|rabbit-optimal|urdf:|my-cheap-walk|go\.atlas")
+LONG = re.compile(
+    r"--starts|reproduce|find\(|rabbit-optimal|urdf:|my-cheap-walk|go\.atlas|stabilise|continuation\(|nlpsol"
+)
 """What is shown and takes long: run with ``-m slow``, as before every merge."""
 LINES = [line for block in blocks("console") for line in block.splitlines()]
 COMMANDS = [*dict.fromkeys(line[2:] for line in LINES if line.startswith("$ "))]

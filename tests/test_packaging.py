@@ -28,8 +28,18 @@ def test_an_unknown_name_lists_those_that_there_are():
         gaitopt.slove  # noqa: B018 - the access is the test
 
 
-def test_importing_the_package_imports_nothing_else():
-    program = "import sys, gaitopt; sys.exit(any(name.startswith('gaitopt.') for name in sys.modules))"
+def test_nothing_imports_what_it_does_not_need():
+    """Neither the package its modules, nor results and tables figures and statistics, nor figures a screen."""
+    program = """
+import sys
+import gaitopt
+assert not any(name.startswith("gaitopt.") for name in sys.modules)
+gaitopt.Gait, gaitopt.Branch
+import gaitopt.show.tables
+assert not {"scipy", "matplotlib"} & {*sys.modules}
+import gaitopt.show.catalogue
+assert "matplotlib.pyplot" not in sys.modules
+"""
     subprocess.run([sys.executable, "-c", program], check=True)
 
 

@@ -156,18 +156,20 @@ def test_no_thread_uses_the_buffers_of_another(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "task",
-    ["run", "continue", "prove", "design"]
-    + [
-        pytest.param(task, marks=pytest.mark.slow)
-        for task in ("verify", "kneed", "pd", "design-pd", "picture", "search", "explain")
+    "tasks",
+    [
+        ("run", "continue", "prove", "design"),
+        *(
+            pytest.param((task,), marks=pytest.mark.slow)
+            for task in ("verify", "kneed", "pd", "design-pd", "picture", "search", "explain")
+        ),
     ],
 )
-def test_expressions_and_functions_are_built_and_freed_under_the_lock_alone(task):
+def test_expressions_and_functions_are_built_and_freed_under_the_lock_alone(tasks):
     for extra in ("heyoka", "flint"):
         pytest.importorskip(extra)
     program = Path(__file__).with_name("outside_the_lock.py")
-    done = subprocess.run([sys.executable, program, task], check=True, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, program, *tasks], check=True, capture_output=True, text=True)
     assert done.stdout == ""
 
 

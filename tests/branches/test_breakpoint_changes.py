@@ -86,6 +86,7 @@ def test_a_switch_that_meets_a_breakpoint_is_a_special_point_in_both_directions(
     np.testing.assert_allclose(there.state, back.state, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_switch_passes_a_breakpoint_where_the_torques_only_have_a_kink():
     """Away from the breakpoint the torques of its two sides differ, as they do at a jump."""
     times = (0.55, 0.597, 0.6, 0.66)
@@ -109,6 +110,7 @@ def test_the_simulator_slips_at_the_breakpoint_on_one_side_of_the_special_point_
         assert end == pytest.approx(jumping.PUSH[0], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_foot_that_would_slip_before_the_jump_leaves_the_breakpoint_earlier():
     """Two pushes one after the other: with less friction the first one is enough."""
     system = staircase((0.58, 0.6, 0.62), -1.8, 12.6, 13.2, -1.8)

@@ -380,8 +380,3 @@ def test_an_objective_without_unknowns_has_a_remedy(run, problem):
     code, _, err = run("validate", problem, "--set", "objective=speed")
     assert code == 3
     assert "free a parameter of walker, friction or control" in err
-
-
-def test_tables_are_printed_without_loading_what_only_figures_and_statistics_need():
-    program = "import sys, gaitopt.show.tables; sys.exit(bool({'scipy', 'matplotlib'} & set(sys.modules)))"
-    subprocess.run([sys.executable, "-c", program], check=True)

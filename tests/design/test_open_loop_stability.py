@@ -97,6 +97,7 @@ def test_a_bound_that_is_not_met_is_named_with_the_best_value():
     assert "spectral_radius <= 0.5 was not met: best reached" in gait.message
 
 
+@pytest.mark.slow
 def test_the_bound_is_a_part_of_the_program_for_users():
     nlp = go.nlp(compass(**{"constraints.spectral_radius": {"max": 0.85}}))
     assert [label.name for label in nlp.g_labels].count("spectral_radius") == 3

@@ -122,8 +122,13 @@ def test_the_swing_foot_of_the_telescopic_leg_clears_the_ground():
     assert go.simulate(softer).trajectory.ending == "scuffing"
 
 
-@pytest.mark.parametrize(("name", "key", "to"), [("torso-passive", "walker.hip_damping", 0.0),
-                                                 ("telescopic-passive", "walker.damping", 1.2)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "key", "to"),
+    [
+        ("torso-passive", "walker.hip_damping", 0.0),
+        pytest.param("telescopic-passive", "walker.damping", 1.2, marks=pytest.mark.slow),
+    ],
+)
 def test_gaits_are_continued_in_their_damping(name, key, to):
     branch = go.continuation(named(name), key, to)
     assert branch.points[-1].gait.converged
@@ -134,6 +139,7 @@ def test_gaits_are_continued_in_their_damping(name, key, to):
         assert ends[0].spectral_radius == pytest.approx(0.7664, abs=5e-5)
 
 
+@pytest.mark.slow
 def test_torso_slips_where_friction_is_short():
     branch = go.continuation(named("torso-passive"), "friction", 0.22)
     (change, *_) = branch.special("mode_change")

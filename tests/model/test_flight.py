@@ -166,6 +166,7 @@ def test_energy_of_a_runner_on_massless_legs_is_what_it_states() -> None:
     assert energies[: len(gait.arcs[0].times)] == pytest.approx(1.7, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_the_impact_of_a_runner_slides_where_its_ratio_of_impulses_is_the_friction() -> None:
     branch = go.continuation(named("slip-run-foot"), "friction", 0.62)
     change, end = branch.specials
@@ -191,6 +192,7 @@ def test_less_friction_lets_the_foot_of_a_runner_slide_at_landing_and_then_befor
     assert branch.points[-1].gait.phases[2][0] == "slip_forward, leg free"
 
 
+@pytest.mark.slow
 def test_a_family_over_a_short_range_passes_the_slip_at_landing_too() -> None:
     data = {"friction": 1.524, "gait.phases": [{"mode": "stick", "leg": "free"}, {"mode": "flight", "leg": "locked"}]}
     branch = go.continuation(go.solve(go.load_problem("slip-run-foot").replace(data)), "friction", 1.515)

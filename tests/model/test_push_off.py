@@ -114,6 +114,7 @@ def test_families_end_where_the_push_slips():
     assert end.reason == "the foot that pushes off slips"
 
 
+@pytest.mark.slow
 def test_uphill_the_impact_slides_before_the_push_does():
     gait = go.solve(named(NAME).problem.replace({"walker.slope": "-0.3 deg", "friction": 1}))
     branch = go.continuation(gait, "friction", 0.2)

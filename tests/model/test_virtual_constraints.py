@@ -237,6 +237,7 @@ def test_closed_form_of_the_zero_dynamics_agrees_with_the_gait():
     )
 
 
+@pytest.mark.slow
 def test_multipliers_agree_with_differences_of_steps_that_are_integrated_by_scipy():
     gait, h = named(NAME), 1e-4
     xi = gait.state[[0, 3, 4]]
@@ -425,6 +426,11 @@ def test_gains_and_constants_may_be_unknowns():
     assert problem.parameters["control.reference.constant.theta2"] == 0.1
     assert [*problem.free] == ["control.gains.kp"]
     assert problem.control.unknowns(type(problem.walker)) == {"reference.constant.theta2": (0, 0.2)}
+
+
+@pytest.mark.slow
+def test_a_design_finds_gains() -> None:
+    gain = {"free": [10, 50], "guess": 36}
     best = go.solve(go.load_problem(NAME).replace({"control.gains.kp": gain, "objective": "spectral_radius"}))
     assert best.converged
     assert best.freed["control.gains.kp"] != 36

@@ -86,18 +86,18 @@ def test_registered_walker_goes_through_the_command_line(tmp_path: Path) -> None
     (package / "entry_points.txt").write_text("[gaitopt.walkers]\ntorso_compass = torso_compass:TorsoCompass\n")
     path = os.pathsep.join([str(tmp_path), str(EXAMPLES), os.environ.get("PYTHONPATH", "")])
 
-    def gaitopt(*arguments: str) -> dict[str, object]:
-        command = [sys.executable, "-m", "gaitopt", *arguments, "--json", "--quiet"]
-        done = subprocess.run(
-            command, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)
-
-    run = str(tmp_path / "run")
-    gait_record = gaitopt("solve", str(EXAMPLES / "torso-compass-slip.yaml"), "-o", run)
+    commands = [
+        ["solve", str(EXAMPLES / "torso-compass-slip.yaml"), "-o", "run"],
+        ["simulate", "run", "--steps", "3"],
+    ]
+    program = f"from gaitopt.cli.main import main; [main([*c, '--json', '--quiet']) for c in {commands}]"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": path},
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    gait_record, walked = map(json.loads, done.stdout.splitlines())
     assert gait_record["status"] == "converged"
     assert gait_record["verification"]["passed"]
-    walked = gaitopt("simulate", run, "--steps", "3")
     assert walked["status"] == "completed"
     assert walked["period"] == pytest.approx(gait_record["period"], abs=1e-9)

@@ -230,7 +230,7 @@ READ = [param for param in SAMPLE if DOORS[param.values[0]][0]]
 @pytest.mark.usefixtures("copy")
 @pytest.mark.parametrize("name", READ)
 def test_what_is_read_is_refused_with_its_file_or_as_before(name):
-    check_reading(name, 0.01 if name.endswith(".jsonl") else 0.03)
+    check_reading(name, 0.004 if name.endswith(".jsonl") else 0.01)
 
 
 @pytest.mark.slow
@@ -266,7 +266,7 @@ def check_commands(copy, run, name, share):
 
 @pytest.mark.parametrize("name", [param for param in SAMPLE if param.values[0] != "branch/branch.jsonl"])
 def test_no_command_ends_in_an_internal_error_or_another_result(copy, run, name):
-    check_commands(copy, run, name, 0.002)
+    check_commands(copy, run, name, 0.001)
 
 
 @pytest.mark.slow

@@ -15,7 +15,8 @@ RUN = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", [pytest.param("slip-walk-stable", marks=pytest.mark.slow), "run"])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["slip-walk-stable", "run"])
 def test_open_modes_lead_to_the_gait_whose_modes_are_stated(name: str) -> None:
     found, gait = solve(contact_problem(name).replace({"gait.phases": "auto"})), contact_gait(name)
     assert found.cycle == gait.cycle
@@ -23,7 +24,8 @@ def test_open_modes_lead_to_the_gait_whose_modes_are_stated(name: str) -> None:
     assert found.multipliers == pytest.approx(gait.multipliers, abs=1e-9)
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
 def test_springy_legs_walk_in_two_gaits_of_one_mode_sequence(seed: int) -> None:
     """Geyer, Seyfarth and Blickhan (2006): one of them is stable."""
     problem = contact_problem("slip-walk").replace({"gait.phases": "auto"})

@@ -10,6 +10,7 @@ from subprocess import run
 
 import pytest
 from pictured import branch, gait
+from samples import sampled
 
 import gaitopt as go
 from gaitopt import Status
@@ -113,7 +114,7 @@ def test_films_of_a_branch_move_with_their_own_parameter(written):
     assert [film["contacts"][0]["friction"] for film in films] == [0.15, 0.145, 0.14, 0.135, 0.16, 0.15, 0.14]
 
 
-@pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-two-step"])
+@pytest.mark.parametrize("name", sampled(["compass-passive-a", "compass-passive-two-step"]))
 def test_two_hundred_points_stay_under_three_hundred_kilobytes(name):
     point = {"record": "point", "branch": 0, **gait(name).to_record()}
     many = [{**point, "index": k, "value": 0.1 + 1e-4 * k, **moved(point, 1 + 1e-4 * k)} for k in range(200)]

@@ -140,7 +140,8 @@ def test_impacts_of_rocking_blocks_accumulate_in_a_batch_too():
     np.testing.assert_allclose(batch.times, [outcome.step.period for outcome in outcomes], rtol=0, atol=1e-10)
 
 
-def test_processes_map_alike(monkeypatch):
+def test_processes_map_alike_with_code_that_is_optimised_as_in_commands(monkeypatch):
+    monkeypatch.setattr(sys.modules["gaitopt.simulation.heyoka_code"], "OPTIMISATION", 3)
     monkeypatch.setattr(sys.modules["gaitopt.verification.step_map"], "CHUNK", 150)
     problem = load_problem("rimless-wheel-slip")
     xi = wild_states(problem, 400)

@@ -1,12 +1,14 @@
 """Every figure of the robustness of a gait is what plain simulation, or a closed form, says."""
 
 import json
+from itertools import product
 from math import asin, cos, pi, sin, sqrt
 from pathlib import Path
 
 import numpy as np
 import pytest
 from named import named
+from samples import sampled
 from scipy.optimize import brentq
 from typer.testing import CliRunner
 
@@ -15,7 +17,7 @@ from gaitopt import Floor, load_problem, load_run, robustness, simulate, solve, 
 from gaitopt.cli.main import app, main
 from gaitopt.errors import GaitoptError
 from gaitopt.gait.measures import measure
-from gaitopt.problem.floor import RandomFloor
+from gaitopt.problem.floor import QUANTITIES, RandomFloor
 from gaitopt.simulation.engine import choose_engine, is_installed
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.uncertainty.derivatives import OUTPUTS
@@ -100,8 +102,10 @@ def test_the_nearest_state_does_not_return_and_one_a_little_nearer_does():
     assert comes_back(gait, state=nearer)
 
 
-@pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-stick", "compass-unequal"])
-@pytest.mark.parametrize("quantity", ["friction", "height", "slope"])
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    sampled(product(["compass-passive-a", "compass-passive-stick", "compass-unequal"], QUANTITIES), every=4),
+)
 def test_the_sensitivity_norm_is_that_of_differences_of_walks(name, quantity):
     """Of a tile under each step of the cycle; sums of 60 steps, after which nothing is left."""
     gait, h = named(name), {"friction": 1e-6, "height": 2e-8, "slope": 1e-6}[quantity]

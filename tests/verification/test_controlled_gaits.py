@@ -215,6 +215,7 @@ def test_the_motor_of_a_joint_without_a_set_point_is_off() -> None:
 # the torso
 
 
+@pytest.mark.slow
 @pytest.mark.portable
 def test_the_impact_of_the_upright_walker_slips_first() -> None:
     """The foot lands flat, five times as fast forward as down: the impact needs more friction than any phase."""

@@ -67,6 +67,7 @@ def test_a_one_step_gait_stated_twice_has_its_multipliers_squared():
     assert (once.message, once.repeats_after, twice.repeats_after) == ("solved", 1, 1)
 
 
+@pytest.mark.slow
 def test_the_family_of_two_steps_is_born_at_the_period_doubling(gait):
     points = go.continuation(gait, "walker.slope", np.deg2rad(5.35), verify_every=0).points
     slopes = np.array([point.value for point in points])

@@ -137,7 +137,8 @@ def test_some_random_gaits_are_not_refused(name: str) -> None:
     assert count_judged(variants(name, seed=1), 3) == 3
 
 
-@pytest.mark.parametrize("name", ["compass-passive-a", pytest.param("compass-passive-b", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-b"])
 def test_some_random_gaits_on_slippery_ground_are_not_refused(name: str) -> None:
     assert count_judged(slippery_variants(name, seed=1), 3) >= 2
 

@@ -88,6 +88,7 @@ def test_the_command_stores_it_and_it_comes_back(files, gait, capsys):
     assert main(["verify", str(run), "--json"]) == 0
 
 
+@pytest.mark.slow
 def test_its_family_changes_where_the_switch_meets_and_leaves_the_breakpoint(gait):
     down, up = (go.continuation(gait, "friction", to=to, verify_every=4) for to in (0.125, 0.16))
     for branch, value in ((down, 0.13078), (up, 0.15538)):
@@ -99,7 +100,10 @@ def test_its_family_changes_where_the_switch_meets_and_leaves_the_breakpoint(gai
         assert branch[-1].gait.timed == ()
 
 
-@pytest.mark.parametrize(("weight", "within", "best"), [(-1, (0.14, 0.165), 0.165), (1, (0.125, 0.16), 0.125)])
+@pytest.mark.parametrize(
+    ("weight", "within", "best"),
+    [(-1, (0.14, 0.165), 0.165), pytest.param(1, (0.125, 0.16), 0.125, marks=pytest.mark.slow)],
+)
 def test_a_design_moves_the_switch_off_its_breakpoint(files, weight, within, best):
     """The step grows with friction; the optimum lies beyond the place where the switch leaves the breakpoint."""
     free = f"friction: {{free: {[*within]}, guess: 0.15}}"

@@ -69,7 +69,8 @@ def test_gaits_of_a_robot_that_names_no_section_are_found(tmp_path):
     assert named("compass-passive-a").spectral_radius == pytest.approx(min(g.spectral_radius for g in gaits), abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["rabbit-hzd", pytest.param("rabbit-hzd-slip", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["rabbit-hzd", "rabbit-hzd-slip"])
 def test_rabbit_of_the_file_has_the_gait_of_the_class(name):
     data = problem_data(go.load_problem(name))
     data["walker"] = {"urdf": str(RABBIT), "feet": ["stance_foot", "swing_foot"]}
@@ -114,6 +115,7 @@ def test_a_gait_that_leaves_the_range_of_a_joint_says_so(tmp_path):
     assert [float(word) for word in told.groups()] == pytest.approx([low, high], abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("limit", "changes", "words"),
     [
@@ -122,13 +124,11 @@ def test_a_gait_that_leaves_the_range_of_a_joint_says_so(tmp_path):
             '<limit effort="10" lower="-0.33" upper="0.33"/>',
             {"constraints.step_length": 0.7},
             r"step_length = 0.7 conflicts with angle.hip: best reached 0.5",
-            marks=pytest.mark.slow,
         ),
         pytest.param(
             UNLIMITED,
             {"constraints.step_length": 3},
             "step_length = 3 conflicts with .*: best reached",
-            marks=pytest.mark.slow,
         ),
     ],
 )
