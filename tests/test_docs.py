@@ -30,7 +30,8 @@ def blocks(language: str, pages: list[Path] = PAGES) -> list[str]:
 
 
 LONG = re.compile(
-    r"--starts|reproduce|find\(|rabbit-optimal|urdf:|my-cheap-walk|go\.atlas|stabilise|continuation\(|nlpsol"
+    r"--starts|reproduce|find\(|rabbit-optimal|urdf:|my-cheap-walk|go\.atlas|stabilise|continu|nlpsol|go\.replay"
+    r"|gaitopt list|plot branch"
 )
 """What is shown and takes long: run with ``-m slow``, as before every merge."""
 LINES = [line for block in blocks("console") for line in block.splitlines()]

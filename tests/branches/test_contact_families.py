@@ -102,6 +102,7 @@ def test_with_less_energy_a_flight_between_the_stances_becomes_an_overlap(tmp_pa
     assert verify(branch.points[-1].gait).passed
 
 
+@pytest.mark.slow
 def test_a_conservative_runner_loses_its_flight_at_a_steep_angle_of_attack() -> None:
     branch = family("run", "walker.attack", 1.25)
     assert {special.type for special in branch.specials} >= {"period_doubling", "end"}

@@ -85,7 +85,7 @@ SLOW = pytest.mark.slow
 HIP = Family("compass-torque-stick", "control.hip", 0.3, options=(("max_points", 60),))
 CHANGES_OF_MODES = [
     (family("rimless-wheel-stick", "friction", 0.92, 0.91), 0.914120783896),
-    (family("rimless-wheel-slip", "friction", 0.27, 0.22), 0.267571006115),
+    pytest.param(family("rimless-wheel-slip", "friction", 0.27, 0.22), 0.267571006115, marks=SLOW),
     (family("compass-passive-stick", "friction", 0.18, 0.172), 0.174918491336),
     (family("compass-passive-stick", "friction", 0.18, 0.172), 0.173080797240),
     pytest.param(family("compass-pd-impact-slip", "friction", 0.11, 0.105), 0.107646200895, marks=SLOW),

@@ -1,7 +1,9 @@
 """``gaitopt continue``: what it prints, what it keeps, how it goes on after being cut short, and what it refuses."""
 
+import contextlib
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import pytest
 
 from gaitopt.branches import continuation as continuer
 from gaitopt.branches.continuation import Continuation
+from gaitopt.cli.main import main
 from gaitopt.errors import StorageError
 from gaitopt.runs.branch import BRANCH_FILE
 from gaitopt.store.files import LineWriter, read_lines
@@ -18,6 +21,20 @@ from gaitopt.verification.verify import Outcome, Verification, confirm
 COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")
 
 pytestmark = pytest.mark.usefixtures("empty_folder")
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("walked")
+    with contextlib.chdir(folder):
+        assert main([*COMMAND]) == 0
+    return folder / "branch"
+
+
+@pytest.fixture
+def branch(walked, empty_folder):
+    """The finished branch of the command, in the folder of the test."""
+    shutil.copytree(walked, empty_folder / "branch")
 
 
 def records(out):
@@ -48,8 +65,8 @@ def test_json_is_one_record_per_line_and_the_same_on_the_disk(run):
     assert all(point["multipliers"] for point in points)
 
 
-def test_table_has_a_row_for_every_record(run):
-    run(*COMMAND)
+@pytest.mark.usefixtures("branch")
+def test_table_has_a_row_for_every_record():
     with (Path("branch") / "branch.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["type"] for row in rows].count("point") == sum(r["record"] == "point" for r in stored())
@@ -58,8 +75,8 @@ def test_table_has_a_row_for_every_record(run):
 
 
 @pytest.mark.parametrize("kept", [11, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 5, 12))])
+@pytest.mark.usefixtures("branch")
 def test_an_interrupted_branch_resumes_and_is_the_same(run, kept):
-    run(*COMMAND)
     whole = stored()
     path = Path("branch") / BRANCH_FILE
     lines = path.read_text().splitlines(keepends=True)
@@ -72,8 +89,8 @@ def test_an_interrupted_branch_resumes_and_is_the_same(run, kept):
 
 
 @pytest.mark.parametrize("limit", [("--max-points", "4"), pytest.param(("--max-seconds", "0"), marks=pytest.mark.slow)])
+@pytest.mark.usefixtures("branch")
 def test_a_limit_of_points_or_time_only_pauses_a_branch(run, limit):
-    run(*COMMAND)
     whole = stored()
     code, out, _ = run(*COMMAND[:-3], "-o", "paused", "--json", *limit)
     assert code == 0
@@ -147,8 +164,8 @@ def test_start_that_is_no_gait_ends_with_4(run):
     assert records(out)[0]["status"] == "infeasible"
 
 
+@pytest.mark.usefixtures("branch")
 def test_folder_of_another_branch_is_left_alone(run):
-    run(*COMMAND)
     before = (Path("branch") / BRANCH_FILE).read_bytes()
     code, _, err = run("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.7", "-o", "branch")
     assert code == 6
@@ -213,8 +230,8 @@ def test_other_branches_through_a_special_point_are_followed(run):
     assert code == 0
 
 
+@pytest.mark.usefixtures("branch")
 def test_special_points_that_lead_nowhere_are_refused(run):
-    run(*COMMAND)
     other = ("--param", "friction", "--to", "0.7", "--quiet")
     code, _, err = run("continue", "branch@special.2", *other)
     assert (code, "the special points of its branch are 0 to 1" in err) == (2, True)

@@ -80,6 +80,7 @@ def test_double_support_that_no_force_brings_about_is_infeasible() -> None:
     assert gait.causes[0].available == pytest.approx(1.0 - slide(1.5)[0], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_feet_that_need_the_least_friction_are_walked_and_have_no_better_neighbours() -> None:
     free = {
         "walker.heel": {"free": [0.015, 0.08], "guess": 0.02},
@@ -149,6 +150,7 @@ def test_a_design_of_two_steps_is_walked_by_the_simulator(unequal: go.Gait) -> N
     assert go.verify(unequal).passed
 
 
+@pytest.mark.slow
 def test_random_neighbours_of_designs_are_no_better(unequal: go.Gait, crawler: go.Gait) -> None:
     for design in (unequal, crawler):
         near = neighbourhood(design, directions=10)
@@ -156,6 +158,7 @@ def test_random_neighbours_of_designs_are_no_better(unequal: go.Gait, crawler: g
         assert near.optimal
 
 
+@pytest.mark.slow
 def test_spectral_radius_of_two_unequal_steps_is_bounded() -> None:
     gait = legs(4.4, constraints={"speed": 0.4, "spectral_radius": {"max": 0.5}})
     assert gait.spectral_radius == pytest.approx(0.5, abs=1e-9)

@@ -70,11 +70,11 @@ def test_the_optimum_is_a_gait_under_torques_that_are_fixed_in_time(compass, tmp
 
 
 def test_its_law_can_be_followed_to_another_friction(compass, tmp_path):
-    branch = go.continuation(compass, "friction", to=0.125)
+    branch = go.continuation(compass, "friction", to=0.125, output=tmp_path / "run")
     last = branch.points[-1]
     assert last.value == pytest.approx(0.125)
     assert last.gait.problem.control == compass.problem.control
-    stored = go.continuation(compass, "friction", to=0.125, output=tmp_path / "run").points[-1].gait
+    stored = go.load_run(tmp_path / "run").points[-1].gait
     assert stored.problem.control == compass.problem.control
     np.testing.assert_array_equal(stored.state, last.gait.state)
 

@@ -58,11 +58,11 @@ def test_a_simulator_of_ones_own_converges_to_the_gait():
     "name",
     [
         "compass-unequal",
-        "compass-pd-impact-slip",
-        "torso-passive",
         "round-feet-passive",
-        "torso-upright",
-        "rimless-wheel-slip",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("compass-pd-impact-slip", "torso-passive", "torso-upright", "rimless-wheel-slip")
+        ),
     ],
 )
 def test_cycles_of_two_steps_control_laws_springs_and_round_feet_are_replayed(name):

@@ -134,6 +134,7 @@ def test_where_an_impact_begins_to_slide_no_third_family_begins():
         go.continuation(change, "friction", 0.199)
 
 
+@pytest.mark.slow
 def test_the_family_of_limps_starts_from_the_symmetric_gait_walked_twice():
     symmetric = named("compass-passive-stick")
     twice = go.solve(named("compass-unequal").problem.replace({"walker.other_leg_mass": 4.0}))

@@ -14,6 +14,7 @@ from casadi import Function
 from foot_impacts import foot_impact
 from numpy.typing import NDArray
 from robots import feet, tree, urdf
+from samples import sampled
 from scipy.spatial.transform import Rotation
 
 from gaitopt.model.checks import check_walker
@@ -199,7 +200,7 @@ def oracle(request: pytest.FixtureRequest) -> Any:
     return request.param
 
 
-@pytest.mark.parametrize("which", ROBOTS)
+@pytest.mark.parametrize("which", sampled(ROBOTS, 3))
 def test_mass_matrix_gravity_and_velocity_terms_are_those_of_another_program(which: str | int, oracle: Any) -> None:
     walker, text = robot(which)
     eom, other, random = equations_of_motion(walker), oracle(walker, text), np.random.default_rng(7)
@@ -217,7 +218,7 @@ def test_mass_matrix_gravity_and_velocity_terms_are_those_of_another_program(whi
         np.testing.assert_allclose(W, jacobian, atol=1e-12)
 
 
-@pytest.mark.parametrize("which", ROBOTS)
+@pytest.mark.parametrize("which", sampled(ROBOTS, 3))
 def test_the_impact_is_the_one_of_the_other_programs_matrices(which: str | int, oracle: Any) -> None:
     walker, text = robot(which)
     system, other, random = HybridSystem(walker, NoControl()), oracle(walker, text), np.random.default_rng(8)

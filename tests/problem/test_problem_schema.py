@@ -56,7 +56,7 @@ def test_the_schema_is_json():
     assert json.loads(json.dumps(problem_schema(), allow_nan=False)) == problem_schema()
 
 
-@pytest.mark.parametrize("name", sampled(problem_names(), 4))
+@pytest.mark.parametrize("name", sampled(problem_names(), 9))
 def test_the_schema_accepts_every_named_problem(name):
     assert accepts(problem_schema(), data_of(name))
 

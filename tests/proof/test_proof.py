@@ -429,6 +429,7 @@ class ForeignWheel(RimlessWheel):
     model = "foreign_wheel"
 
 
+@pytest.mark.slow
 def test_a_walker_that_is_not_registered_is_proved_and_checked_with_its_class(tmp_path):
     text = load_problem("rimless-wheel-stick").text.replace("model: rimless_wheel", "model: foreign_wheel")
     result = prove(solve(parse_problem(text, walkers=[ForeignWheel])))

@@ -100,6 +100,7 @@ def test_a_stopped_basin_resumes_where_it_stopped(gait, basin, tmp_path, monkeyp
         np.testing.assert_array_equal(getattr(whole, name), getattr(basin, name))
 
 
+@pytest.mark.slow
 def test_basin_on_scipy_is_that_on_heyoka_in_tiles_for_every_core(gait, basin, tmp_path):
     plan = plan_in(tmp_path, gait, engine="scipy")
     assert len(plan.tiles) == 2

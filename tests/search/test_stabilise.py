@@ -125,6 +125,7 @@ def test_pd_control_with_the_least_gains_stabilises_a_slipping_gait(slipping):
     assert made.distance < 1e-3
 
 
+@pytest.mark.slow
 def test_a_bound_of_the_radius_that_no_gains_reach_is_an_objection(slipping):
     made = go.stabilise(slipping, radius=1e-9, degree=14, progress=False)
     assert made.objections

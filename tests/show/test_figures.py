@@ -199,7 +199,7 @@ def test_unstable_gaits_of_a_front_are_hollow():
     assert faces.count("white") == 3
 
 
-@pytest.mark.parametrize("extension", ["svg", "png", "pdf"])
+@pytest.mark.parametrize("extension", ["svg", "png", pytest.param("pdf", marks=pytest.mark.slow)])
 def test_the_same_gait_gives_the_same_bytes(tmp_path, extension):
     shown = [gait("rimless-wheel-slip")]
     (first,) = save(figures_of(shown).draw("portrait"), tmp_path / "first", [extension])

@@ -131,6 +131,7 @@ def test_a_film_is_what_its_type_states(name):
         assert all(record.keys() == kind.__annotations__.keys() for record in records)
 
 
+@pytest.mark.slow
 def test_a_film_says_whose_share_of_a_force_is_undetermined():
     flat = gait("flat-foot")
     shown = film(motion_of(flat))

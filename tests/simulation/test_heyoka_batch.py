@@ -143,7 +143,7 @@ def test_impacts_of_rocking_blocks_accumulate_in_a_batch_too():
 def test_processes_map_alike_with_code_that_is_optimised_as_in_commands(monkeypatch):
     monkeypatch.setattr(sys.modules["gaitopt.simulation.heyoka_code"], "OPTIMISATION", 3)
     monkeypatch.setattr(sys.modules["gaitopt.verification.step_map"], "CHUNK", 150)
-    problem = load_problem("rimless-wheel-slip")
+    problem = load_problem("rimless-wheel-slip").replace({"friction": 0.37})  # for which nothing is compiled yet
     xi = wild_states(problem, 400)
     one, two = return_map(problem, xi, engine="heyoka"), return_map(problem, xi, engine="heyoka", workers=2)
     for name in FIELDS:

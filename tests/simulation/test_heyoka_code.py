@@ -1,9 +1,12 @@
 """CasADi's instructions in heyoka's terms, one by one, and the functions of the walkers as a whole."""
 
+from itertools import product
+
 import casadi as ca
 import numpy as np
 import pytest
 from casadi import SX, Function
+from samples import sampled
 
 hy = pytest.importorskip("heyoka")
 
@@ -77,8 +80,9 @@ def test_each_value_of_constants_is_handed_over_once():
     assert conversion.constants.numel_out(0) == 1
 
 
-@pytest.mark.parametrize("mode", CONTACTS)
-@pytest.mark.parametrize("name", ["compass-passive-a", "compass-torque-slip", "rimless-wheel-slip"])
+@pytest.mark.parametrize(
+    ("name", "mode"), sampled(product(["compass-passive-a", "compass-torque-slip", "rimless-wheel-slip"], CONTACTS), 4)
+)
 def test_flow_of_a_walker_has_the_same_value(name, mode):
     problem = load_problem(name)
     system = build_system(problem)

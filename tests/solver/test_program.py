@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from named import named
+from samples import sampled
 
 import gaitopt as go
 from gaitopt.errors import ProblemError, UnknownNameError
@@ -41,7 +42,7 @@ def solved(nlp, solver="ipopt", more=None):
     return np.asarray(end["x"]).ravel(), run.stats()["success"]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", sampled(NAMES, 3))
 def test_every_unknown_and_constraint_has_bounds_and_a_label_with_its_place_and_unit(name):
     nlp = go.nlp(name)
     cycle, mesh = nlp.equations.mesh.cycle, nlp.equations.mesh
@@ -258,6 +259,7 @@ def test_picture_shows_every_nonzero_entry_by_phase():
     assert repr(nlp) == "<NonlinearProgram compass-passive-a: 99 unknowns, 155 constraints, 16 nodes>"
 
 
+@pytest.mark.slow
 def test_a_switch_that_passes_a_breakpoint_of_the_control_is_refused_with_the_remedy():
     problem = go.load_problem("compass-pd-impact-slip").replace({"gait.guess.durations": [0.0204, 0.6]})
     nlp = go.nlp(problem)

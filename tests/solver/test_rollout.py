@@ -93,10 +93,11 @@ def test_feet_that_stay_together_are_no_step():
 @pytest.mark.parametrize(
     ("name", "overrides", "words"),
     [
-        (
+        pytest.param(
             "rimless-wheel-slip",
             {"friction": 1.0},
             r"phase 1 .stick. has no end: from the guess|so it does not take place",
+            marks=pytest.mark.slow,
         ),
         ("rimless-wheel-stick", {"friction": 0}, "needs friction 0.9141, has 0"),
         ("compass-torque-impact-slip", {"control.hip": -1}, "the swing foot (does not come down|leaves the ground)"),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from contact_problems import CATALOGUE, NAMES, Runner, contact_gait, contact_problem, with_point_feet
 from named import named
+from samples import sampled
 
 from gaitopt.api.verbs import prove
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
@@ -84,7 +85,7 @@ def test_a_stiff_motion_is_integrated_again_in_as_small_steps_as_it_needs() -> N
         assert again.states == pytest.approx(arc.states, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", sampled(NAMES, 3))
 def test_two_cycles_are_one_map_squared(name: str) -> None:
     gait = contact_gait(name)
     section = gait.system.section(gait.problem.cycle)

@@ -172,7 +172,7 @@ def test_reference_continues_straight_or_stands_still(beyond_end: BeyondEnd, kep
 
 
 def test_reference_that_is_no_gait_is_an_error_that_says_why(tmp_path) -> None:
-    source = go.load_problem("compass-passive-b").text.replace("friction: 0.14", "friction: 0.6")
+    source = go.load_problem("compass-passive-b").text.replace("slope: 1 deg", "slope: -1 deg")
     (tmp_path / "source.yaml").write_text(source)
     tracking = go.load_problem("compass-pd-impact-slip").text.replace("gait: compass-passive-b", "gait: source.yaml")
     (tmp_path / "tracking.yaml").write_text(tracking)
