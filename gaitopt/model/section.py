@@ -47,8 +47,8 @@ from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building, built_once
 from gaitopt.errors import ProblemError
 from gaitopt.model.buffered import RowMap, buffered
-from gaitopt.model.closure import LARGEST_REMAINDER, solved_columns
-from gaitopt.model.declaration import parameter_namespace, state_after_impact
+from gaitopt.model.closure import LARGEST_REMAINDER, closure, is_linear, solved_columns
+from gaitopt.model.declaration import is_default, parameter_namespace, state_after_impact
 from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
@@ -186,6 +186,29 @@ class Section:
             return impact.slips is self._after.slips
         before = self._walker.swapped(before) if self._event == TOUCHDOWN else before
         return impact.contact is self._after.contact and before.touching == self._before.touching
+
+    @property
+    def is_explicit(self) -> bool:
+        """Whether the lift is a closed form; otherwise ``conditions`` determines the coordinates ``solved``."""
+        return self.stated and (not is_default(self._walker, "after_impact") or is_linear(self._walker))
+
+    @property
+    def solved(self) -> tuple[int, ...]:
+        """Indices of the coordinates for which ``conditions`` is solved; none if the section is explicit."""
+        if self.is_explicit:
+            return ()
+        shape = enumerate(self._walker.shape)
+        return tuple([k for k, name in shape if name not in self.names] if self.stated else self._solved)
+
+    @property
+    @building
+    def conditions(self) -> Function:
+        """(z, p) -> independent conditions c, one for each of the coordinates ``solved``; p are the walker's."""
+        if not self.stated:
+            return Function("conditions", [self._z, self._p], [densify(self._c[self._rows])])
+        z, p = SX.sym("z", len(self._walker.state_names())), SX.sym("p", self._n_p)
+        equations, _ = closure(self._walker)
+        return Function("conditions", [z, p], [densify(equations(z[: len(self._walker.shape)], p))])
 
     @cached_property
     @building

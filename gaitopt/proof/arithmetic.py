@@ -72,8 +72,19 @@ def _power(a: Number, b: Number) -> Number:
     return (b * a.log()).exp()
 
 
+def _maximum(a: Number, b: Number) -> Number:
+    if isinstance(a, arb) and isinstance(b, arb):
+        return a.max(b)
+    difference = hull(a) - hull(b)
+    first = difference.coeffs()[0] if hasattr(difference, "coeffs") else difference
+    if first > 0 or first < 0:
+        return a if first > 0 else b
+    raise NotProved("a maximum may change from one of its arguments to the other")
+
+
 UNARY: Mapping[int, Callable[[Number], Number]] = {
     ca.OP_ASSIGN: lambda a: a,
+    ca.OP_FABS: lambda a: _maximum(a, -a),
     ca.OP_NEG: operator.neg,
     ca.OP_SQ: lambda a: a * a,
     ca.OP_TWICE: lambda a: a + a,
@@ -96,7 +107,8 @@ UNARY: Mapping[int, Callable[[Number], Number]] = {
     ca.OP_ACOSH: lambda a: (a + (a * a - 1).sqrt()).log(),
     ca.OP_ATANH: lambda a: ((1 + a).log() - (1 - a).log()) / 2,
 }
-"""CasADi's instructions of one operand. Those with a kink (fabs, sign, floor) are missing: they are not analytic."""
+"""CasADi's instructions of one operand. Those with a jump (sign, floor) are missing: they are not analytic. A maximum
+or an absolute value is analytic where it is known which of its arguments is the larger one."""
 BINARY: Mapping[int, Callable[[Number, Number], Number]] = {
     ca.OP_ADD: operator.add,
     ca.OP_SUB: operator.sub,
@@ -105,6 +117,7 @@ BINARY: Mapping[int, Callable[[Number, Number], Number]] = {
     ca.OP_POW: _power,
     ca.OP_CONSTPOW: _power,
     ca.OP_HYPOT: lambda a, b: (a * a + b * b).sqrt(),
+    ca.OP_FMAX: _maximum,
     ca.OP_ATAN2: lambda a, b: 2 * (a / (b + (a * a + b * b).sqrt())).atan(),
 }
 

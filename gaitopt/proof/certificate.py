@@ -27,7 +27,7 @@ LARGEST_FILE = 64 * 2**20
 """Bytes of a certificate; the longest known family has some 10^6."""
 DEEPEST_NESTING = 40
 """Levels of nested lists and objects in a certificate."""
-MOST_BOXES, MOST_ARCS, MOST_UNKNOWNS = 2000, 1000, 3000
+MOST_BOXES, MOST_ARCS, MOST_UNKNOWNS = 2000, 1000, 5000
 """The largest known certificates have some 30 boxes, 10 arcs and 900 unknowns."""
 LEAST_ORDER, LARGEST_ORDER = 2, 60
 """Bounds of the order of the Taylor series; the prover uses 16 and 20."""
@@ -120,12 +120,17 @@ class DurationRecord(_Record):
 
 
 class ArcRecord(_Record):
-    """An arc: the number of its phase, counted from 0, and its ``OrbitArc.fractions``."""
+    """An arc: the number of its phase, counted from 0, its ``OrbitArc.fractions``, and whether its phase is timed.
+
+    A timed phase ends at a breakpoint of the control law. This only says where to look, like the fractions: the claims
+    about the margins of the next phase fail if its contacts would go on as before.
+    """
 
     phase: Annotated[int, Field(ge=0, lt=MOST_ARCS)]
     fractions: Annotated[
         list[Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)]], Field(max_length=MOST_UNKNOWNS)
     ]
+    timed: bool = False
 
 
 class BoxRecord(_Record):

@@ -20,6 +20,7 @@ from typing import Any
 from flint import acb, arb, arb_mat
 
 from gaitopt.model.control import Control
+from gaitopt.model.section import CLOCK
 from gaitopt.model.transitions import IMPACT_MARGINS, PHASE_MARGINS, Ending, Margin
 from gaitopt.model.walker import Walker
 from gaitopt.proof.arithmetic import NotProved, at, decimal_bounds, precision
@@ -44,6 +45,7 @@ STATEMENT, EXISTENCE, MOTION = "statement", "existence and uniqueness", "motion"
 COMPLETENESS, STABILITY = "completeness", "stability"
 CONNECTION, SIGN_CHANGE = "connected family", "sign change"
 """Names of claims, besides those of the mode sequence."""
+UNDECIDED = "exists, and its stability is undecided"
 
 
 def _margins_ending(*tables: Mapping[str, Margin], ending: Ending | None) -> tuple[str, ...]:
@@ -338,16 +340,29 @@ def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Map
     if special is not None:
         claims.append(sign_change_claim(special, boxes))
     else:
-        verdict = {True: "stable", False: "unstable", None: "whether it is stable is not shown"}[proof.stable]
+        verdict = {True: "stable", False: "unstable", None: UNDECIDED}[proof.stable]
         words = f"{verdict}: the largest modulus of a multiplier is {proof.spectral_radius}"
-        claims.append(ProofClaim(STABILITY, proved=proof.stable is not None, words=words))
+        claims.append(ProofClaim(STABILITY, proved=proof.spectral_radius is not None, words=words))
+        if proof.stable is None:
+            silent = [
+                *proof.statement["not_proved"],
+                "whether the gait is stable: a multiplier may be on the unit circle",
+            ]
+            proof = replace(proof, statement={**proof.statement, "not_proved": silent})
     return replace(proof, claims=tuple(claims))
 
 
 def _is_minimal(statement: Statement, box: CheckedBox) -> bool:
-    """Whether the period is the shortest one: the states after later impacts differ from the first."""
+    """Whether the period is the shortest one.
+
+    In a cycle of steps, the states after later impacts differ from the first. A cycle that ends with the clock of its
+    law does not repeat a shorter sequence of modes.
+    """
     assert box.cycle is not None
     cycle = statement.cycle
+    if statement.problem.cycle_end == CLOCK:
+        modes = [mode for k, mode in enumerate(cycle.phases) if mode is not cycle.phases[k - 1]]
+        return len(modes) > 1 and all(modes != modes[k:] + modes[:k] for k in range(1, len(modes)))
     starts = [box.cycle.starts[[arc.phase for arc in statement.arcs].index(phase)] for phase in cycle.first_phases]
     return not any(all(a.overlaps(b) for a, b in zip(starts[0], other, strict=True)) for other in starts[1:])
 

@@ -16,19 +16,21 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from casadi import SX, simplify
-from flint import arb
+from casadi import SX, depends_on, jtimes, simplify, substitute, vertcat
+from flint import arb, arb_poly
 
 from gaitopt.building import built_once
-from gaitopt.model.cycle import Cycle
+from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.section import CLOCK
+from gaitopt.model.section import TOUCHDOWN as TOUCHDOWN_END
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import MARGINS
+from gaitopt.model.transitions import MARGINS, contact_of, is_held, kind
 from gaitopt.proof.arithmetic import BallFunction, NotProved, Refuted, hull
 from gaitopt.proof.law import ExactLaw
-from gaitopt.proof.orbit import BREAKPOINT, CycleEnclosure, Orbit, OrbitArc
-from gaitopt.proof.taylor import derivative, evaluate
+from gaitopt.proof.orbit import CycleEnclosure, Orbit, OrbitArc
+from gaitopt.proof.taylor import TaylorStep, derivative, evaluate
 
 POSITIVE, ENDS, TOUCHDOWN = "p+", "p*d+", "n*u*p+d+"
 PATTERN_WORDS = {
@@ -38,10 +40,15 @@ PATTERN_WORDS = {
 }
 MOST_HALVINGS = 14
 """A step of the integration is halved at most this many times; a part that then has no kind fails its claim."""
+MOST_REFINEMENTS = 6
+"""A step of the integration is replaced by two shorter ones at most this many times in a row, where the remainder of a
+function along it is too wide."""
+NOW = arb(0)
 RELATIVE_WIDTH = 1e-12
 """A part is not divided further once its upper bound exceeds the known maximum by less than this part of it."""
 SLIPS, CONES = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD), ("cone_forward", "cone_backward")
-APPARENT_MASS, TIME_WINDOW, AT_REST = "apparent mass", "time window", "mode at rest"
+APPARENT_MASS, UNIQUE_FORCES, TIME_WINDOW, AT_REST = "apparent mass", "unique forces", "time window", "mode at rest"
+IMPACT, SECTION = "impact", "section"
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +94,7 @@ class SignPart:
 
 
 def sign_parts(
-    steps: Iterable[tuple[Sequence[arb], arb]], order: int = 0, *, monotone: bool = True
+    steps: Iterable[tuple[Sequence[arb], arb]], order: int = 0, *, monotone: bool = True, start_of_step: arb = NOW
 ) -> Iterator[SignPart]:
     """Divide an arc into parts on which a function has one kind, in order of time.
 
@@ -96,8 +103,8 @@ def sign_parts(
     steps : the function on every step, and the length of the step [s].
     order : order of the zero with which the function starts; 0 if it starts with another value.
     monotone : whether a part may be classified as ``u`` or ``d``; if not, it is divided until its sign is known.
+    start_of_step : time of the first step since the start of the arc [s].
     """
-    start_of_step = arb(0)
     for k, (series, h) in enumerate(steps):
         # the length of the step is a ball; the parts cover it up to its upper bound
         pending = [(arb(0), arb(h.upper()), MOST_HALVINGS)]
@@ -146,40 +153,66 @@ def mode_claim_names(system: HybridSystem, law: ExactLaw, sequence: Cycle, arcs:
     This list does not rely on ``mode_sequence_claims``. A claim that the latter forgets therefore leaves the theorem
     unproved.
     """
-    names, windows = list[str](), bool(law.breakpoints) or law.horizon is not None
+    names, windows, alone = list[str](), bool(law.breakpoints) or law.horizon is not None, system.walker.stands_on_one()
+    rising, ends = _rising(system), list[str]()
     for j, arc in enumerate(arcs):
-        of_arc = [name for name in system.transitions.margin_names(arc.mode) if name != "touchdown"]
-        of_arc += [APPARENT_MASS] if arc.mode.sticks else []
+        of_arc = [name for name in system.transitions.margin_names(arc.mode) if name != rising]
+        of_arc += [APPARENT_MASS] if alone and arc.mode.sticks and not system.walker.massless_feet else []
+        of_arc += [UNIQUE_FORCES] if not alone and arc.mode.touching else []
         of_arc += [TIME_WINDOW] if windows else []
-        of_arc += [AT_REST] if _starts_at_rest(sequence, arcs, j) else []
+        of_arc += [AT_REST] if _starts_at_rest(system, sequence, arcs, j) else []
+        struck = system.transitions.struck(sequence, arc.phase) if arc.ends_phase else None
+        ends_step = arc.ends_phase and sequence.after(arc.phase) is None
+        if struck is not None and system.transitions.of_impact(struck, arc.mode) and not ends_step:
+            of_arc += [IMPACT]
         names += [f"arc {j + 1}, {arc.mode}: {name}" for name in of_arc]
-    prefixes = [f"step {k + 1}, " for k in range(len(sequence.steps))] if len(sequence.steps) > 1 else [""]
-    return (*names, *(f"{prefix}{name}" for prefix in prefixes for name in ("touchdown", "impact")))
+        if ends_step:
+            prefix = f"step {sequence.step_of(arc.phase) + 1}, " if len(sequence.steps) > 1 else ""
+            ends += [f"{prefix}{rising}"] if rising else []
+            ends += [f"{prefix}{IMPACT}"] if system.cycle_end == TOUCHDOWN_END else []
+    return (*names, *ends, *([SECTION] if system.section(sequence).solved else []))
+
+
+def _rising(system: HybridSystem) -> str:
+    """The margin that rises from zero in every step before its fall to zero ends it; empty if there is none."""
+    if system.cycle_end not in (TOUCHDOWN_END, CLOCK):
+        return system.cycle_end
+    return "touchdown" if system.cycle_end == TOUCHDOWN_END and system.walker.stands_on_one() else ""
 
 
 def mode_sequence_claims(orbit: Orbit, cycle: CycleEnclosure) -> Iterator[ProofClaim]:
-    """Prove or refute the mode sequence: margins on every arc, modes of a foot at rest, touchdowns, impacts."""
-    sequence, windows = orbit.sequence, bool(orbit.law.breakpoints) or orbit.law.horizon is not None
-    for step, impact in enumerate(sequence.impacts):
-        arcs, touchdown = orbit.arcs_of(step), list[SignPart]()
+    """Prove or refute the mode sequence: margins on every arc, unique modes, touchdowns, impacts."""
+    system, sequence = orbit.system, orbit.sequence
+    windows, alone = bool(orbit.law.breakpoints) or orbit.law.horizon is not None, system.walker.stands_on_one()
+    name_of_end = _rising(system)
+    for step in range(len(sequence.steps)):
+        arcs, rising = orbit.arcs_of(step), list[SignPart]()
         for j in arcs:
             arc, y_end = orbit.arcs[j], cycle.ends[j]
             title, signs = f"arc {j + 1}, {arc.mode}", _margin_signs(orbit, cycle, j)
             margins_at_end = orbit.field(arc.mode, j).margins(y_end)[0]
             for (name, parts), at_end in zip(signs.items(), margins_at_end, strict=True):
-                if name != "touchdown":
-                    pattern = ENDS if name == arc.event else POSITIVE
+                if name != name_of_end:
+                    pattern = ENDS if name in arc.zeros else POSITIVE
                     yield _claim(f"{title}: {name}", _margin, name, parts, pattern, at_end)
-            touchdown += signs["touchdown"]
-            if arc.mode.sticks:
+            rising += signs.get(name_of_end, []) if system.transitions.may_land(arc.mode) else []
+            if alone and arc.mode.sticks and not system.walker.massless_feet:
                 yield _claim(f"{title}: {APPARENT_MASS}", _apparent_mass, orbit, cycle, j)
+            if not alone and arc.mode.touching:
+                yield _claim(f"{title}: {UNIQUE_FORCES}", _unique_forces, orbit, cycle, j)
             if windows:
                 yield _claim(f"{title}: {TIME_WINDOW}", _time_window, orbit, j, y_end)
-            if _starts_at_rest(sequence, orbit.arcs, j):
+            if _starts_at_rest(system, sequence, orbit.arcs, j):
                 yield _claim(f"{title}: {AT_REST}", _mode_at_rest, orbit, j, cycle.starts[j])
+            if orbit.struck(j) is not None and not orbit.ends_step(j):
+                yield _claim(f"{title}: {IMPACT}", _impact, orbit, j, y_end)
         prefix = f"step {step + 1}, " if len(sequence.steps) > 1 else ""
-        yield _claim(f"{prefix}touchdown", _margin, "touchdown", touchdown, TOUCHDOWN, arb(0))
-        yield _claim(f"{prefix}impact", _impact, orbit, impact, arcs[-1], cycle.ends[arcs[-1]])
+        if name_of_end:
+            yield _claim(f"{prefix}{name_of_end}", _margin, name_of_end, rising, TOUCHDOWN, arb(0))
+        if system.cycle_end == TOUCHDOWN_END:
+            yield _claim(f"{prefix}{IMPACT}", _impact, orbit, arcs[-1], cycle.ends[arcs[-1]])
+    if orbit.solved:
+        yield _claim(SECTION, _section, orbit, cycle)
 
 
 def _claim(name: str, prove: Callable[..., tuple[str, arb | None]], *arguments: Any) -> ProofClaim:
@@ -199,9 +232,15 @@ def _starts_phase(arcs: Sequence[OrbitArc], j: int) -> bool:
     return j == 0 or arcs[j - 1].phase != arcs[j].phase
 
 
-def _starts_at_rest(sequence: Cycle, arcs: Sequence[OrbitArc], j: int) -> bool:
-    """Whether arc ``j`` starts a phase with the foot at rest, as any phase but one after an impact with slip does."""
-    return _starts_phase(arcs, j) and sequence.impact_before(arcs[j].phase) in (None, Mode.STICK)
+def _starts_at_rest(system: HybridSystem, sequence: Cycle, arcs: Sequence[OrbitArc], j: int) -> bool:
+    """Whether arc ``j`` starts a phase with a foot at rest that stands alone and has a mass.
+
+    Any phase does but one after an impact with slip, and a flight. Forces of several contacts are unique at all times.
+    """
+    mode, impact = arcs[j].mode, sequence.impact_before(arcs[j].phase)
+    rests = impact is None or system.cycle_end != TOUCHDOWN_END or impact.contact is Mode.STICK
+    is_alone = system.walker.stands_on_one() and not system.walker.massless_feet
+    return bool(is_alone and mode.touching and _starts_phase(arcs, j) and rests)
 
 
 def _margin_signs(orbit: Orbit, cycle: CycleEnclosure, j: int) -> dict[str, list[SignPart]]:
@@ -211,39 +250,79 @@ def _margin_signs(orbit: Orbit, cycle: CycleEnclosure, j: int) -> dict[str, list
     series = zip(*(step.along(orbit.field(arc.mode, j).margins) for step in steps), strict=True)
     signs = dict[str, list[SignPart]]()
     for name, values in zip(names, series, strict=True):
-        order = _order_of_zero(orbit, arc.phase, name) if _starts_phase(orbit.arcs, j) else 0
-        monotone = name in ("touchdown", arc.event)
+        order = _order_of_zero(orbit, j, name, values[0][0]) if _starts_phase(orbit.arcs, j) else 0
+        monotone = name == _rising(orbit.system) or name in arc.zeros
         signs[name] = list(sign_parts(zip(values, lengths, strict=True), order, monotone=monotone))
     return signs
 
 
-def _order_of_zero(orbit: Orbit, phase: int, name: str) -> int:
-    """The order of the zero with which a margin starts after an impact or a change of mode; 0 if it has none.
+def _order_of_zero(orbit: Orbit, j: int, name: str, start: arb) -> int:
+    """The order of the zero with which a margin starts in arc ``j``; 0 if it has none.
 
     A slip starts from rest. If it starts at the edge of the cone its acceleration is zero too, because the acceleration
-    is minus the cone's margin over the apparent mass. After an impact the other foot is on the ground.
+    is minus the cone's margin over the apparent mass, or because the forces with and without slip are the same there.
+    The height of a contact that leaves the ground is zero. Its velocity is zero too unless it leaves in an impact, and
+    its acceleration if its normal force falls to zero, which is then continuous. After an impact that ends a step the
+    other foot is on the ground, and released stops are still closed. The forces of a massless foot that lands are zero.
+
+    Parameters
+    ----------
+    start : enclosure of the margin at the start of the arc.
     """
-    if name == "slip_velocity":
-        drops, (static, kinetic, _) = orbit.system.friction.may_drop, orbit.system.friction_coefficients(orbit.p)
+    system, sequence, phase = orbit.system, orbit.sequence, orbit.arcs[j].phase
+    before, what, contact = orbit.arcs[j - 1], kind(name), contact_of(name)
+    is_unloaded = (kind(before.event), contact_of(before.event)) == ("normal_force", contact)
+    leaving = 1 if orbit.struck(j - 1) is not None else 3 if is_unloaded else 2
+    if what == "slip_velocity":
+        drops, (static, kinetic, _) = system.friction.may_drop, system.contact_coefficients(orbit.p)[contact]
         if drops and not static > kinetic:
             raise NotProved("static friction is not above kinetic friction: state one coefficient")
-        return orbit.sequence.onset_order(phase, jump=drops)
-    after_impact = phase in orbit.sequence.first_phases and name in ("touchdown", "upright")
-    return int(after_impact and _vanishes_after_impact(orbit.system, name))
+        return sequence.onset_order(phase, contact, jump=drops)
+    if what != "slip_velocity" and name in system.transitions.zeros_after(sequence, before.phase):
+        return 1
+    if name == _rising(system) and not system.walker.stands_on_one():
+        return int(phase == 0)
+    if what == "gap":
+        touched = system.walker.swapped(before.mode) if orbit.swaps(j - 1) else before.mode
+        return 0 if start > 0 or contact not in touched.touching else leaving
+    if name == "touchdown" and before.mode.touching and not orbit.arcs[j].mode.touching:
+        return leaving if start.contains(0) and _vanishes_on_ground(system, orbit.arcs[j].mode) else 0
+    after_impact = phase in sequence.first_phases and orbit.section.stated
+    if name == "clearance" and after_impact:
+        return int(start.contains(0))
+    return zeros_after_impact(system, orbit.arcs[j].mode, name) if after_impact and not is_held(name) else 0
 
 
 @built_once(maxsize=128)
-def _vanishes_after_impact(system: HybridSystem, name: str) -> bool:
-    """Whether a margin is identically zero just after an impact: CasADi simplifies its expression to zero.
+def zeros_after_impact(system: HybridSystem, mode: Mode, name: str) -> int:
+    """How many of a margin and its rate are identically zero just after an impact of the foot that ends a step.
 
-    The expression is simplified in the parameters and in their inverses, as CasADi cancels only some quotients.
+    CasADi simplifies the expression to zero. It is simplified in the parameters and in their inverses, as CasADi
+    cancels only some quotients. A function of the coordinates has no rate.
     """
-    xi, p = SX.sym("xi", system.lift.size1_in(0)), SX.sym("p", len(system.parameters))
-    index = system.transitions.margin_names(Mode.STICK).index(name)
-    return any(
-        simplify(system.margins(Mode.STICK)(0, system.lift(xi, q), q, SX.zeros(system.n_r))[index]).is_zero()
-        for q in (p, 1 / p)
-    )
+    xi, p, z = SX.sym("xi", system.lift.size1_in(0)), SX.sym("p", len(system.parameters)), SX.sym("z", system.n_z)
+    index = system.transitions.margin_names(mode).index(name)
+    value, n = system.margins(mode)(0, z, p, SX.zeros(system.n_r))[index], system.n_z // 2
+
+    def vanishes(expression: SX) -> bool:
+        return any(simplify(substitute(expression, vertcat(z, p), vertcat(system.lift(xi, q), q))).is_zero()
+                   for q in (p, 1 / p))  # fmt: skip
+
+    if not vanishes(value):
+        return 0
+    is_of_rates = depends_on(value, z[n:])
+    return 1 if is_of_rates or not vanishes(jtimes(value, z[:n], z[n:])) else 2
+
+
+@built_once(maxsize=16)
+def _vanishes_on_ground(system: HybridSystem, mode: Mode) -> bool:
+    """Whether the margin of touchdown is identically zero where the base point is on the ground."""
+    z, p = SX.sym("z", system.n_z), SX.sym("p", len(system.parameters))
+    index = system.transitions.margin_names(mode).index("touchdown")
+    margins = system.margins(mode)(0, z, p, SX.zeros(system.n_r))
+    if "y" not in system.state_names:
+        return False
+    return bool(simplify(substitute(margins[index], z[system.state_names.index("y")], 0)).is_zero())
 
 
 def _margin(name: str, parts: Sequence[SignPart], pattern: str, at_end: arb) -> tuple[str, arb | None]:
@@ -265,15 +344,76 @@ def _apparent_mass(orbit: Orbit, cycle: CycleEnclosure, j: int) -> tuple[str, ar
     coefficient lie between those with the static one. A slip from rest accelerates the foot by minus the margin of the
     kinetic cone over the apparent mass, so no slip is consistent inside this cone. Between the kinetic and the static
     cone a slip is consistent too; the model chooses sticking there.
+
+    With one coefficient it is enough that C_tt f_n - C_nt f_t, the mean of both apparent masses times the opposite
+    margins of the cone, is positive for the force of the orbit. It is also the normal force of a slip times the
+    apparent mass: where this mass is negative, the ground would have to pull a foot that slips.
     """
-    masses, lengths = orbit.field(orbit.arcs[j].mode, j).apparent_masses, [hull(step.h) for step in cycle.steps[j]]
-    bounds = list[arb]()
-    for values in zip(*(step.along(masses) for step in cycle.steps[j]), strict=True):
-        parts = list(sign_parts(zip(values, lengths, strict=True), monotone=False))
-        check_pattern("painleve", parts, POSITIVE)
-        bounds += [part.value.lower() for part in parts]
-    words = "the apparent mass of the foot is positive throughout, with the static coefficient in either direction"
-    return words, min(bounds)
+    system, arc = orbit.system, orbit.arcs[j]
+    field, names = orbit.field(arc.mode, j), system.transitions.margin_names(arc.mode)
+
+    def masses(step: TaylorStep) -> list[list[arb]]:
+        return step.along(field.apparent_masses)
+
+    def load(step: TaylorStep) -> list[list[arb]]:
+        edges = step.along(field.margins)
+        products = zip(masses(step), (edges[names.index(cone)] for cone in reversed(CONES)), strict=True)
+        return [sum((arb_poly(mass) * arb_poly(edge) for mass, edge in products), arb_poly([0])).coeffs()]
+
+    try:
+        words = "the apparent mass of the foot is positive throughout, with the static coefficient in either direction"
+        return words, _smallest(cycle.steps[j], masses, "painleve")
+    except NotProved:
+        if system.friction.may_drop:
+            raise
+    _smallest(cycle.steps[j], load, "painleve")
+    return (
+        "a foot that is let go would sink, and where its apparent mass is negative a slip would pull the ground",
+        None,
+    )
+
+
+def _smallest(steps: Iterable[TaylorStep], functions: Callable[[TaylorStep], list[list[arb]]], name: str) -> arb:
+    """The smallest lower bound of functions on the steps of an arc, which all have to be positive.
+
+    Parameters
+    ----------
+    functions : the functions along a step, as polynomials in time.
+    """
+    bounds, start, pending = list[arb](), arb(0), [(step, MOST_REFINEMENTS) for step in [*steps][::-1]]
+    while pending:
+        step, depth = pending.pop()
+        try:
+            for values in functions(step):
+                parts = list(sign_parts([(values, hull(step.h))], monotone=False, start_of_step=start))
+                check_pattern(name, parts, POSITIVE)
+                bounds += [part.value.lower() for part in parts]
+            start += hull(step.h).mid()
+        except NotProved as failure:
+            if not depth or isinstance(failure, Refuted):
+                raise
+            pending += [(half, depth - 1) for half in reversed(step.halves())]
+    return min(bounds)
+
+
+def _unique_forces(orbit: Orbit, cycle: CycleEnclosure, j: int) -> tuple[str, arb | None]:
+    """Claim 3 of several contacts: the forces in every mode of the contacts on the ground are unique, so is the mode.
+
+    Accelerations, friction and normal forces obey a piecewise linear equation, with one piece for each mode. Its pieces
+    have determinants of one sign if the regularity of every mode is positive, with any coefficients between zero and
+    those of the contacts. The determinant is linear in each coefficient, so that the corners suffice, and these are
+    modes too. The degree of the equation is then that of the one without friction, which is one, and every force has
+    exactly one solution: no other mode is consistent with the same state.
+    """
+    field = orbit.field(orbit.arcs[j].mode, j)
+    smallest = _smallest(cycle.steps[j], lambda step: step.along(field.regularities), "regularity")
+    return "the contact forces are unique in every mode of the contacts on the ground", smallest
+
+
+def _section(orbit: Orbit, cycle: CycleEnclosure) -> tuple[str, arb | None]:
+    """Closed heights: the orbit satisfies the conditions of its section exactly; see ``Orbit.require_section``."""
+    orbit.require_section(cycle)
+    return "the heights and velocities of contacts on the ground are exactly zero at the start of the cycle", None
 
 
 def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
@@ -286,6 +426,8 @@ def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | Non
     edge, time, segment, words = law.edges[arc.segment], y[orbit.system.n_z], arc.segment, ""
     if arc.event == BREAKPOINT and edge is not None:
         return f"the arc ends with the breakpoint at {seconds(edge)}", None
+    if arc.event == CLOCK and segment == len(law.breakpoints):
+        return f"the arc ends with the period of the control law at {seconds(law.period or time)}", None
     while edge is not None and segment < len(law.breakpoints) and time.overlaps(edge):
         if not all(one == other for one, other in zip(*law.data[segment : segment + 2], strict=True)):
             break
@@ -310,42 +452,61 @@ def seconds(time: arb) -> str:
 def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
     """Claim 4: of all modes, only that of the arc is consistent for a foot at rest."""
     arc, table = orbit.arcs[j], orbit.system.transitions
+    modes = {contact: arc.mode.with_contact(contact) for contact in CONTACTS}
     margins = {
-        mode: dict(zip(table.margin_names(mode), orbit.field(mode, j).margins(y)[0], strict=True)) for mode in CONTACTS
+        contact: dict(zip(table.margin_names(mode), orbit.field(mode, j).margins(y)[0], strict=True))
+        for contact, mode in modes.items()
     }
     cones = dict(zip(SLIPS, (margins[Mode.STICK][name] for name in CONES), strict=True))
     # f_n of a slip times its apparent mass is C_tt f_n - C_nt f_t of sticking, which is negative where the foot lifts
     needed = {f"no lift-off in {slip}": margins[slip]["normal_force"] * margins[slip]["painleve"] for slip in SLIPS}
-    needed |= {name: cones[slip] for name, slip in zip(CONES, SLIPS, strict=True) if slip is not arc.mode}
+    needed |= {name: cones[slip] for name, slip in zip(CONES, SLIPS, strict=True) if slip is not arc.mode.contact}
     words = "the foot sticks: its force lies within the cone"
     if arc.mode.slips:
         words = "the force that would hold the foot leaves the cone here, on the side of this slip alone"
     if orbit.sequence.starts_from_rest(arc.phase):  # at the edge of the cone this margin is zero
-        needed["onset"] = -cones[arc.mode]
+        needed["onset"] = -cones[arc.mode.contact]
         words = "holding the foot would need a force beyond the cone, on the side of this slip alone"
     return words, _all_positive(needed)
 
 
-def _impact(orbit: Orbit, mode: Mode, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
-    """Claim 7: the impact is consistent, no other one is, and the former stance foot lifts."""
-    smallest_margin = _all_positive(_impact_margins(orbit, mode, j, y))
-    for other in CONTACTS:
+def _impact(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
+    """Claim 7: the impact that ends arc ``j`` is consistent, no other one is, and contacts that leave the ground lift.
+
+    An impact without an impulse on a contact that comes down is no other one: the contact would go through the ground.
+    """
+    system, struck, before = orbit.system, orbit.struck(j), orbit.arcs[j].mode
+    assert struck is not None
+    walker, row = system.walker, system.transitions.ending(orbit.sequence, orbit.arcs[j].phase)
+    landing = [name for name in struck.touching if name not in before.touching]
+    needed = _impact_margins(orbit, struck, j, y)
+    counts = dict(zip(walker.landing_points(), orbit.impact(struck, j)(y)[3], strict=True))
+    smallest_margin = _all_positive({**needed, **{f"the landing of {name}": counts[name] for name in landing}})
+    sticks_first = system.law is ImpactLaw.FRICTIONLESS or system.friction.may_drop
+    names_after = (walker.swapped(mode.contact) if orbit.swaps(j) else mode for mode in row.candidates)
+    for other in names_after:
+        falls_through = not {*landing} <= {*other.touching}
         # under the frictionless law an impact that sticks takes precedence over one that slips
-        if other is not mode and not (mode.sticks and orbit.system.law is ImpactLaw.FRICTIONLESS):
+        precedes = struck.sticks and system.law is ImpactLaw.FRICTIONLESS and walker.stands_on_one()
+        if other.contact is not struck.contact and not falls_through and not precedes:
             margins = _impact_margins(orbit, other, j, y)
             if not any(margin < 0 for margin in margins.values()):
                 shown = ", ".join(f"{name} {margin.str(6)}" for name, margin in margins.items())
-                raise NotProved(f"an impact with {other} is not shown to be inconsistent: {shown}")
-    precedes = orbit.system.friction.may_drop or orbit.system.law is ImpactLaw.FRICTIONLESS
-    first = " where sticking takes precedence" if mode.sticks and precedes else ""
-    return f"{mode} is the only consistent impact{first}, and the former stance foot lifts", smallest_margin
+                raise NotProved(f"an impact with {_after(orbit, other, j)} is not shown to be inconsistent: {shown}")
+    first = " where sticking takes precedence" if struck.sticks and sticks_first else ""
+    lifts = ", and the former stance foot lifts" if orbit.ends_step(j) and walker.stands_on_one() else ""
+    return f"{_after(orbit, struck, j)} is the only consistent impact{first}{lifts}", smallest_margin
 
 
-def _impact_margins(orbit: Orbit, mode: Mode, j: int, y: Sequence[arb]) -> dict[str, arb]:
+def _after(orbit: Orbit, struck: Mode, j: int) -> Mode:
+    """The contacts just after an impact that ends arc ``j``, with the names that they have then."""
+    return orbit.system.walker.swapped(struck.contact) if orbit.swaps(j) else struck
+
+
+def _impact_margins(orbit: Orbit, struck: Mode, j: int, y: Sequence[arb]) -> dict[str, arb]:
     """The margins that have to be positive for an impact to be consistent."""
-    struck, table = orbit.system.walker.swapped(mode), orbit.system.transitions
-    names = table.impact_margin_names(struck, orbit.arcs[j].mode)
-    return dict(zip(names, orbit.impact(mode, j)(y)[0], strict=True))
+    names = orbit.system.transitions.impact_margin_names(struck, orbit.arcs[j].mode)
+    return dict(zip(names, orbit.impact(struck, j)(y)[0], strict=True))
 
 
 def _all_positive(needed: Mapping[str, arb]) -> arb:
@@ -358,7 +519,7 @@ def _all_positive(needed: Mapping[str, arb]) -> arb:
     """
     for name, value in needed.items():
         if value < 0:
-            raise Refuted(f"{name} is {value.str(6)}, not positive", name if name in MARGINS else "")
+            raise Refuted(f"{name} is {value.str(6)}, not positive", name if kind(name) in MARGINS else "")
         if not value > 0:
             raise NotProved(f"{name} is {value.str(6)}, not shown to be positive")
     return min(value.lower() for value in needed.values())
@@ -366,28 +527,34 @@ def _all_positive(needed: Mapping[str, arb]) -> arb:
 
 def measure_bounds(orbit: Orbit, cycle: CycleEnclosure, period: arb) -> dict[str, arb | None]:
     """Bounds of the measures of every gait in the box, by the names of a gait's record."""
-    work, forces = arb(0), list[tuple[list[arb], list[arb], arb, arb]]()
+    work, length, forces = arb(0), arb(0), list[tuple[list[arb], list[arb], arb, arb]]()
+    contacts = orbit.system.walker.contact_names()
     for j, arc in enumerate(orbit.arcs):
         observation = orbit.field(arc.mode, j).observation
-        along = [step.along(observation) for step in cycle.steps[j]]
-        starts = [(f_t[0], f_n[0]) for f_t, f_n, _ in along]
-        ends = [*starts[1:], tuple(map(hull, observation(cycle.ends[j])[0][:2]))]
-        for step, (f_t, f_n, power), end in zip(cycle.steps[j], along, ends, strict=True):
-            work += evaluate([arb(0), *(c / (k + 1) for k, c in enumerate(power))], hull(step.h))
-            if arc.mode.sticks:
-                forces.append((f_t, f_n, hull(step.h), abs(end[0] / end[1])))
-    length = arb(0)
-    for k, impact in enumerate(orbit.sequence.impacts):
-        j = orbit.arcs_of(k)[-1]
-        length += orbit.impact(impact, j)(cycle.ends[j])[1][orbit.system.n_shape]
+        *along, power = zip(*(step.along(observation) for step in cycle.steps[j]), strict=True)
+        for series, step in zip(power, cycle.steps[j], strict=True):
+            work += evaluate([arb(0), *(c / (k + 1) for k, c in enumerate(series))], hull(step.h))
+        at_end = [hull(value) for value in observation(cycle.ends[j])[0]]
+        for k, name in enumerate(contacts):
+            if name in arc.mode.touching and not arc.mode.directions[name]:
+                f_t, f_n = along[2 * k], along[2 * k + 1]
+                starts = [(t[0], n[0]) for t, n in zip(f_t, f_n, strict=True)]
+                ends = [*starts[1:], (at_end[2 * k], at_end[2 * k + 1])]
+                for t, n, step, end in zip(f_t, f_n, cycle.steps[j], ends, strict=True):
+                    forces.append((t, n, hull(step.h), abs(end[0] / end[1])))
+        if orbit.ends_step(j):
+            struck, y = orbit.struck(j), cycle.ends[j]
+            length += orbit.impact(struck, j)(y)[1][orbit.system.n_shape] if struck else y[orbit.system.n_shape]
+            work += orbit.impact(struck, j)(y)[4][0] if struck else arb(0)
     weight = BallFunction(orbit.system.weight, [])(orbit.p)[0][0]
+    ratio = largest_force_ratio(forces) if forces else None
     return {
         "period": period,
         "step_length": length,
         "speed": length / period,
         "work": work,
-        "cost_of_transport": work / (weight * length),
-        "required_friction": largest_force_ratio(forces) if forces else None,
+        "cost_of_transport": None if length.contains(0) else work / (weight * length),
+        "required_friction": ratio if ratio is not None and ratio.is_finite() else None,
     }
 
 

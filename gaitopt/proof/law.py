@@ -11,14 +11,15 @@ splines and fits are computed from the rows of their table:
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from itertools import pairwise
 from math import isfinite
 from typing import TypeAlias
 
 import numpy as np
-from flint import arb, arb_mat
+from flint import arb, arb_mat, fmpq
 
-from gaitopt.model.control import Control
+from gaitopt.model.control import OWN_PACKAGE, Control
 from gaitopt.model.curve import Curve, Piece, bezier_pieces, continuation, piece_data
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.reference import Reference, Table, TableCurves
@@ -28,6 +29,8 @@ from gaitopt.proof.arithmetic import NotProved, ball
 
 Exact: TypeAlias = Callable[[str, float], str]
 """Dotted key and double -> the decimal that the double stands for; see ``gaitopt.problem.writing.ExactValues``."""
+LARGEST_DENOMINATOR = 1000
+"""A breakpoint of a clock is a fraction of its period with at most this denominator."""
 LARGEST_DISAGREEMENT = 1e-9
 """Largest difference between the ball of a number and its double, relative to the largest number of its segment."""
 
@@ -41,11 +44,13 @@ class ExactLaw:
     breakpoints : times at which one segment ends and the next begins [s].
     horizon : time at which the law ends [s]; None if it does not end.
     data : the numbers of each segment.
+    period : period of a clock of its own [s]; None if it has none.
     """
 
     breakpoints: tuple[arb, ...]
     horizon: arb | None
     data: tuple[tuple[arb, ...], ...]
+    period: arb | None = None
 
     @property
     def edges(self) -> tuple[arb | None, ...]:
@@ -83,6 +88,13 @@ def exact_law(control: Control, exact: Exact, duration: float | None = None) -> 
             numbers = zip(keys, (*(control.span or ()), control.clamp), strict=True)
             clamp = [ball(exact(key, value)) for key, value in numbers]
             law = ExactLaw((), None, ((*clamp, *law.data[0]),))
+    elif control.period is not None and type(control).__module__.startswith(OWN_PACKAGE):
+        period = ball(exact("control.cycle", control.period))
+        parts = [Fraction(time / control.period).limit_denominator(LARGEST_DENOMINATOR) for time in control.breakpoints]
+        times = tuple(period * fmpq(part.numerator, part.denominator) for part in parts)
+        law = ExactLaw(times, None if law.horizon is None else period, law.data, period)
+    elif control.period is not None:
+        law = replace(law, period=arb(control.period))
     _compare(law, control)
     return law
 

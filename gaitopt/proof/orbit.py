@@ -4,8 +4,15 @@
 
 The nodes y_k are the states between the steps of the integration and at both ends of every arc; phi is the flow, and a
 step takes the fixed fraction f_k of the duration T of its arc. An event is a margin of the mode, or the time to a
-breakpoint of the control law. A reset is an impact, a foot that comes to rest, or the identity. A zero of F is a
-periodic orbit. Every step starts from a node with its own box, so that no enclosure grows along the motion.
+breakpoint or to the end of a period of the control law. A reset is an impact, a foot that comes to rest, or the
+identity. A zero of F is a periodic orbit. Every step starts from a node with its own box, so that no enclosure grows
+along the motion.
+
+The motion keeps the heights of contacts on the ground, the velocities of contacts that stick, and the gaps of locked
+stops, c(y) = 0. At the start of the cycle the conditions c(y_first) = 0 of the section therefore replace those
+equations y_first = reset(y_end before) that belong to the coordinates for which the section is solved. The replaced
+equations follow: both states satisfy c and agree in the other coordinates, and the derivative of c in the solved ones
+is regular (``require_section``).
 
 Krawczyk's operator for deviations w from centre + tilt s, with an approximate inverse C of F_u, is
 
@@ -24,14 +31,15 @@ from dataclasses import dataclass, field
 from functools import lru_cache, reduce
 
 import numpy as np
-from casadi import SX, Function, cse, jacobian, vertcat
+from casadi import SX, Function, cse, densify, jacobian, vertcat
 from flint import acb, acb_mat, arb, arb_mat
 
 from gaitopt.arrays import Array
 from gaitopt.building import building
-from gaitopt.model.cycle import Cycle
+from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import CLOCK, Section
 from gaitopt.model.system import HybridSystem
 from gaitopt.proof.arithmetic import (
     UNIT,
@@ -50,8 +58,6 @@ from gaitopt.proof.law import ExactLaw
 from gaitopt.proof.taylor import PhaseSpace, TaylorStep, VectorField, expand, taylor_coefficients
 from gaitopt.threads import cached_property
 
-BREAKPOINT = "breakpoint"
-"""The event of an arc that ends at a breakpoint of the control law."""
 UNIT_SQUARED = arb(0.5, 0.5)
 """s^2 for s in [-1, 1]."""
 SPLIT = [arb(2 * k + 1 - 16, 1) / 16 for k in range(16)]
@@ -69,7 +75,9 @@ class OrbitArc:
     ----------
     segment : number of the segment of the control law.
     phase : number of the phase in the mode sequence.
-    event : the margin whose zero ends the arc, or ``breakpoint``.
+    event : the margin whose zero ends the arc; ``breakpoint``, or ``clock`` for the end of the law's period.
+    zeros : the margins that are zero at the end of the arc: its event, and all forces of a massless foot that leaves.
+    ends_phase : whether the phase ends with the arc; otherwise a breakpoint divides the phase.
     fractions : lengths of the integration steps relative to the duration, without that of the last step.
     """
 
@@ -77,6 +85,8 @@ class OrbitArc:
     segment: int
     phase: int
     event: str
+    zeros: tuple[str, ...]
+    ends_phase: bool
     fractions: tuple[float, ...]
 
 
@@ -157,7 +167,7 @@ class Orbit:
         self.varied, self.interval = varied, tuple(interval)
         self.sequence, self.arcs, self.n = sequence, tuple(arcs), system.n_z + 1
         self.order = order
-        spaces = [PhaseSpace(system, varied, step) for step in range(system.walker.steps_per_cycle())]
+        spaces = [PhaseSpace(system, varied, step) for step in range(_sets_of_parameters(system))]
         self._spaces = [sequence.per_phase(spaces)[arc.phase] for arc in arcs]
         self.nodes: list[list[int]] = []
         for arc in arcs:
@@ -244,10 +254,15 @@ class Orbit:
                 cycle.blocks.append((end, duration, matrix(1, rates)))
                 steps.append(step)
             last, first = nodes[-1], self.nodes[(j + 1) % len(self.arcs)][0]
-            event, after, _, _ = self._event_and_reset(j)(self.centre_at_node(centre, last))
-            _, _, event_gradient, reset_jacobian = self._event_and_reset(j)(self.state_at_node(u, last))
+            event, after, *_ = self._event_and_reset(j)(self.centre_at_node(centre, last))
+            _, _, event_gradient, reset_jacobian, *_ = self._event_and_reset(j)(self.state_at_node(u, last))
             cycle.residual[duration] = event
             cycle.residual[first] = [y - z for y, z in zip(centre[first : first + self.n], after, strict=True)]
+            if first == self.nodes[0][0] and self.solved:
+                conditions, _ = self.conditions(self.centre_at_node(centre, first))
+                _, slopes = self.conditions(self.state_at_node(u, first))
+                cycle.residual[first] = [a + b for a, b in zip(cycle.residual[first], conditions, strict=True)]
+                self._add(cycle, first, first, matrix_from_columns(self.n, slopes))
             self._add(cycle, duration, last, matrix_from_columns(1, event_gradient))
             self._add(cycle, first, last, -matrix_from_columns(self.n, reset_jacobian))
             cycle.steps.append(steps)
@@ -265,10 +280,13 @@ class Orbit:
 
     @lru_cache(maxsize=256)  # noqa: B019 - as long as the equations
     def _event_and_reset(self, j: int) -> BallFunction:
-        """y -> event of arc ``j``, the state from which the next arc starts, and the derivatives of both."""
-        segment = self.arcs[j].segment
-        breakpoints = [*self.law.breakpoints, arb(0)]
-        constants = [self.p, self.law.data[segment], [breakpoints[segment]]]
+        """y -> event of arc ``j``, state from which the next arc starts, derivatives of both, ``solved`` of the reset.
+
+        The entries ``solved`` of the state at the start of the cycle are zero; ``conditions`` determines them.
+        """
+        arc, law = self.arcs[j], self.law
+        time = law.period if arc.event == CLOCK else law.breakpoints[arc.segment] if arc.event == BREAKPOINT else None
+        constants = [self.p, law.data[arc.segment], [arb(0) if time is None else time]]
         return BallFunction(self._event_and_reset_function(j), constants)
 
     @building
@@ -277,45 +295,129 @@ class Orbit:
         arc, following, space = self.arcs[j], (j + 1) % len(self.arcs), self._spaces[j]
         system, n_z, (y, p, values) = self.system, self.system.n_z, space.symbols()
         r, time = SX.sym("r", system.n_r), SX.sym("breakpoint")
-        after = y[: self.n]
-        if arc.event == BREAKPOINT:
+        after, returned = y[: self.n], SX(0, 1)
+        if arc.event in (BREAKPOINT, CLOCK):
             event = y[n_z] - time
-            after[n_z] = time
         else:
             index = system.transitions.margin_names(arc.mode).index(arc.event)
             event = system.margins(arc.mode)(y[n_z], y[:n_z], values, r)[index]
-        if arc.event == "slip_velocity":
+        if arc.event == BREAKPOINT:
+            after[n_z] = time
+        elif arc.event == "slip_velocity":
             after[n_z - 1] = 0
-        if arc.event == "touchdown":
-            impact = self.sequence.impacts[self.sequence.step_of(arc.phase)]
-            landing = system.impact(system.walker.swapped(impact), arc.mode)
-            xi = landing(y[:n_z], values)[0][self.section(impact)]
-            full = vertcat(xi, SX.zeros(system.lift.size1_in(0) - xi.numel()))
-            after = vertcat(system.lift(full, self._spaces[following].parameters(y, p)), 0)
-        outputs = cse([event, after, jacobian(event, y), jacobian(after, y)])
+        struck = self.struck(j)
+        if struck is not None:
+            after[:n_z] = system.impact(struck, arc.mode, ends_step=self.ends_step(j))(y[:n_z], values)[0]
+        if self.ends_step(j):
+            section = system.section(self.sequence if following == 0 else self.sequence.impacts[self.step(j)])
+            after[n_z], after[system.n_shape] = 0, 0
+            if section.is_explicit:
+                xi = after[section.indices.tolist()]
+                full = vertcat(xi, SX.zeros(system.lift.size1_in(0) - xi.numel()))
+                after[:n_z] = system.lift(full, self._spaces[following].parameters(y, p))
+            elif following == 0:
+                returned = after[self.solved]
+                after[self.solved] = 0
+        outputs = cse([event, after, jacobian(event, y), jacobian(after, y), returned])
         return Function("event_and_reset", [y, p, r, time], outputs)
 
-    def section(self, impact: Mode) -> list[int]:
-        """Indices of the section coordinates after an impact."""
-        return [int(k) for k in self.system.section(impact).indices]
+    def step(self, j: int) -> int:
+        """Index of the step of arc ``j``."""
+        return self.sequence.step_of(self.arcs[j].phase)
+
+    def ends_step(self, j: int) -> bool:
+        """Whether a step ends with arc ``j``."""
+        return self.arcs[j].ends_phase and self.sequence.after(self.arcs[j].phase) is None
+
+    def swaps(self, j: int) -> bool:
+        """Whether the feet swap roles at the end of arc ``j``."""
+        arc = self.arcs[j]
+        row = self.system.transitions.ending(self.sequence, arc.phase) if arc.ends_phase else None
+        return row is not None and row.reset is not None and row.reset.swaps
+
+    def struck(self, j: int) -> Mode | None:
+        """The impact that ends arc ``j``, with the names that the contacts have before it; None without an impact."""
+        arc = self.arcs[j]
+        struck = self.system.transitions.struck(self.sequence, arc.phase) if arc.ends_phase else None
+        return struck if struck is not None and self.system.transitions.of_impact(struck, arc.mode) else None
+
+    @cached_property
+    def section(self) -> Section:
+        """The section of the cycle."""
+        return self.system.section(self.sequence)
+
+    @cached_property
+    def solved(self) -> list[int]:
+        """Entries of the state at the start of the cycle for which the section is solved; none if it is explicit."""
+        return [*self.section.solved]
 
     @cached_property
     @building
-    def lift_jacobian(self) -> BallFunction:
-        """y at the start of the cycle -> derivative of y in the section coordinates of a slipping impact."""
+    def conditions(self) -> BallFunction:
+        """y at the start of the cycle -> c - y in the entries ``solved``, zero in the others, and its derivative."""
         y, p, values = self._spaces[0].symbols()
-        xi = y[self.section(Mode.SLIP_FORWARD)]
-        slope = vertcat(self.system.lift_jacobian(xi, values), SX.zeros(1, xi.numel()))
-        return BallFunction(Function("lift_jacobian", [y, p], [slope]), [self.p])
+        c = SX.zeros(self.n)
+        c[self.solved] = self.section.conditions(y[: self.system.n_z], self._of_walker(values)) - y[self.solved]
+        return BallFunction(Function("conditions", [y, p], cse([c, jacobian(c, y)])), [self.p])
+
+    def _of_walker(self, values: SX) -> SX:
+        return values[: len(self.system.walker.model_fields)]
+
+    def require_section(self, cycle: CycleEnclosure) -> None:
+        """Require that the conditions determine the solved entries between the first state and the reset of the last.
+
+        Raises
+        ------
+        NotProved
+            If their derivative may be singular.
+        """
+        *_, returned = self._event_and_reset(len(self.arcs) - 1)(cycle.ends[-1])
+        y = list(cycle.starts[0])
+        for k, value in zip(self.solved, returned, strict=True):
+            y[k] = y[k].union(value)
+        slopes = matrix_from_columns(self.n, self.conditions(y)[1])
+        square = [slopes[i, k] + int(i == k) for i in self.solved for k in self.solved]
+        try:
+            arb_mat(len(self.solved), len(self.solved), square).inv()
+        except ZeroDivisionError as failure:
+            raise NotProved("the derivative of the conditions of the section may be singular") from failure
+
+    @cached_property
+    @building
+    def kick(self) -> BallFunction:
+        """y at the start of the cycle -> derivative of the right-hand side in the section coordinates."""
+        y, p, values = self._spaces[0].symbols()
+        slope = SX.zeros(self.n, len(self.section.names))
+        if self.section.is_explicit:
+            xi = y[self.section.every_step.indices.tolist()]
+            slope[: self.system.n_z, :] = self.system.lift_jacobian(xi, values)[:, : slope.shape[1]]
+        else:
+            for column, k in enumerate(self.section.indices.tolist()):
+                slope[k, column] = 1
+        return BallFunction(Function("kick", [y, p], [densify(slope)]), [self.p])
 
     @lru_cache(maxsize=64)  # noqa: B019 - as long as the equations
     @building
-    def impact(self, mode: Mode, j: int) -> BallFunction:
-        """y at the end of arc ``j`` -> margins of an impact, and the state after it."""
+    def impact(self, struck: Mode, j: int) -> BallFunction:
+        """y at the end of arc ``j`` -> margins of an impact, state after it, heights, ``counts``, work of the push.
+
+        Parameters
+        ----------
+        struck : mode just after the impact, with the names that the contacts have before it.
+        """
         (y, p, values), system, before = self._spaces[j].symbols(), self.system, self.arcs[j].mode
-        struck, z = system.walker.swapped(mode), y[: system.n_z]
-        outputs = [system.impact_margins(struck, before)(z, values), system.impact(struck, before)(z, values)[0]]
-        return BallFunction(Function(f"impact_{mode.key}", [y, p], cse(outputs)), [self.p])
+        z = y[: system.n_z]
+        heights, _, counts = system.contact_points(z, values)
+        margins = system.impact_margins(struck, before)(z, values)
+        z_plus = system.impact(struck, before, ends_step=self.ends_step(j))(z, values)[0]
+        outputs = [margins, z_plus, heights, counts, system.push(before)(z, values)[1]]
+        return BallFunction(Function(f"impact_{struck.key}", [y, p], cse(outputs)), [self.p])
+
+
+@building
+def _sets_of_parameters(system: HybridSystem) -> int:
+    """The number of steps after which the parameters repeat: 2 if legs that differ swap theirs."""
+    return len(system.step_parameters(SX.sym("p", len(system.parameters))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -451,11 +553,9 @@ def return_map(orbit: Orbit, box: TiltedBox, cycle: CycleEnclosure, inverse: Pre
     NotProved
         If the bounds are too wide.
     """
-    section = orbit.section(orbit.sequence.impact)
+    section = orbit.section.indices.tolist()
     n_xi, w = len(section), [arb(value.rad()) for value in box.deviation]
-    lift = matrix_entries(matrix_from_columns(orbit.n, orbit.lift_jacobian(cycle.starts[0])[0]))
-    full = len(lift) // orbit.n
-    Y = inverse.columns(0, orbit.n) * matrix(n_xi, [lift[k * full + i] for k in range(orbit.n) for i in range(n_xi)])
+    Y = inverse.columns(0, orbit.n) * matrix_from_columns(orbit.n, orbit.kick(cycle.starts[0])[0])
     contraction = _weighted_norm(hull(inverse.error_times(matrix(1, [arb(0, r) for r in w]))).entries(), w)
     if not contraction < 1:
         raise NotProved(f"the derivative of the return map cannot be enclosed: {contraction.str(5)} is not below 1")

@@ -16,6 +16,7 @@ from flint import arb
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.gait import Gait
 from gaitopt.model.curve import Curve
+from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.reference import FreeMotion, GaitMotion
 from gaitopt.problem.problem import Problem
@@ -32,7 +33,7 @@ from gaitopt.proof.check import (
     sign_change_claim,
 )
 from gaitopt.proof.claims import ProofClaim
-from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox, deviations, exact_matrix, midpoint_jacobian
+from gaitopt.proof.orbit import Orbit, OrbitArc, TiltedBox, deviations, exact_matrix, midpoint_jacobian
 from gaitopt.proof.statement import Statement, refuse_uncovered_walkers, restore_statement
 from gaitopt.proof.taylor import expand
 
@@ -145,9 +146,6 @@ def _prove(
     header: dict[str, Any] = {}
     try:
         refuse_uncovered_walkers(gait.problem, gait.system)
-        if gait.timed:
-            place = gait.cycle.phase_words(gait.timed[0])
-            raise NotProved(f"{place} ends at a breakpoint of the control law, where the torques jump: not covered")
         header = certificate_header(gait, intervals, varied, special) | {"arcs": arc_records(arcs_of(gait))}
         statement = _statement(header, gait)
     except NotProved as failure:
@@ -241,18 +239,20 @@ def motion_record(motion: Curve) -> dict[str, Any]:
 
 def arc_records(arcs: Sequence[OrbitArc]) -> list[dict[str, Any]]:
     """The records of arcs in a certificate."""
-    return [{"phase": arc.phase, "fractions": list(arc.fractions)} for arc in arcs]
+    return [
+        {"phase": arc.phase, "fractions": list(arc.fractions)}
+        | ({"timed": True} if arc.ends_phase and arc.event == BREAKPOINT else {})
+        for arc in arcs
+    ]
 
 
 def arcs_of(gait: Gait) -> list[OrbitArc]:
     """The arcs of a gait, not yet divided into steps of the integration."""
-    table, cycle, arcs, first = gait.system.transitions, gait.problem.cycle, [], 0
-    for step in gait.steps:
-        for k, (arc, phase) in enumerate(zip(step.arcs, step.arc_phases, strict=True)):
-            is_last = k + 1 == len(step.arcs) or step.arc_phases[k + 1] != phase
-            event = table.between(arc.mode, cycle.after(first + phase)).guard if is_last else BREAKPOINT
-            arcs.append(OrbitArc(arc.mode, int(arc.segment), first + phase, event, ()))
-        first += len(step.phases)
+    table, cycle, arcs = gait.system.transitions, gait.cycle, list[OrbitArc]()
+    phases = [phase for _, phase in gait.arcs_by_phase]
+    for (arc, phase), after in zip(gait.arcs_by_phase, [*phases[1:], None], strict=True):
+        row = table.ending(cycle, phase) if after != phase else table.at_breakpoint(arc.mode)
+        arcs.append(OrbitArc(arc.mode, int(arc.segment), phase, row.guard, (), after != phase, ()))
     return arcs
 
 
@@ -369,7 +369,11 @@ class _BoxSearch:
             self._curvature = [radius / float(half) ** 2 for radius in radii]
         doubtful = [claim.words for claim in box.claims if not claim.proved and not claim.refuted]
         moduli = [abs(m) for m in box.multipliers]
-        if self.statement.special is None and not (all(m < 1 for m in moduli) or any(m > 1 for m in moduli)):
+        if (
+            interval
+            and self.statement.special is None
+            and not (all(m < 1 for m in moduli) or any(m > 1 for m in moduli))
+        ):
             doubtful.append("whether it is stable is not shown")
         can_be_shorter = False
         if interval:
@@ -400,7 +404,7 @@ def divide_into_steps(orbit: Orbit, gait: Gait) -> tuple[list[OrbitArc], list[ar
     arcs, nodes = [], list[arb]()
     for j, (arc, doubles) in enumerate(zip(orbit.arcs, gait.arcs, strict=True)):
         start = [*map(arb, map(float, doubles.states[0])), arb(float(doubles.start))]
-        if arc.mode.sticks:
+        if arc.mode.fixes_x:
             start[-2] = arb(0)  # slip velocity
         field, y = orbit.field(arc.mode, j), orbit.centre_at_node(start, 0)
         duration = left = h = float(doubles.duration)

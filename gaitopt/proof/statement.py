@@ -18,17 +18,15 @@ from casadi import Function
 from flint import arb
 
 from gaitopt.errors import ProblemError
-from gaitopt.model.closure import is_linear
 from gaitopt.model.control import OWN_PACKAGE, Control
 from gaitopt.model.curve import BeyondEnd, Curve, Piece, Row, continued
-from gaitopt.model.cycle import Cycle
-from gaitopt.model.declaration import is_default
+from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import Friction
-from gaitopt.model.modes import CONTACTS
+from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.reference import FORMS, FreeCurves, FreeMotion, GaitCurves, GaitMotion, Reference, TableCurves
-from gaitopt.model.section import TOUCHDOWN
+from gaitopt.model.section import TOUCHDOWN, has_stated_sections
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Transitions
 from gaitopt.model.urdf import UrdfWalker
@@ -49,10 +47,9 @@ from gaitopt.proof.certificate import (
     sha256,
 )
 from gaitopt.proof.law import ExactLaw, exact_law, exact_piece
-from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox
+from gaitopt.proof.orbit import Orbit, OrbitArc, TiltedBox
+from gaitopt.proof.taylor import modes_of_contacts
 
-UNCOVERED = ("several contacts", "joint stops", "flight", "switches", "a push-off")
-"""Features of walkers whose resets and conditions are not among the claims."""
 MOST_INTERVALS = 10
 """Largest number of parameters with intervals: all corners are examined, and 2^10 of them take a few seconds."""
 LARGEST_JUMP = 1e-9
@@ -76,6 +73,7 @@ class Hypotheses(TypedDict, total=False):
     walker_data : for a robot from a file, the numbers of its links; for a walker or law from another package, its
         module, distribution and version; for both, the SHA-256 of their CasADi expressions.
     friction, impact_law, mode_sequence : laws of the contact, and the modes.
+    cycle_end : what ends a cycle, if it is no landing: ``clock``, or the name of a margin.
     control : type of the control law.
     law : values of the law's keys that are not parameters: durations, spans, tables, tracked curves.
     parameters : exact values by dotted key; an interval for the varying one.
@@ -91,6 +89,7 @@ class Hypotheses(TypedDict, total=False):
     friction: str
     impact_law: str
     mode_sequence: str
+    cycle_end: str
     control: str
     law: dict[str, str]
     parameters: dict[str, str]
@@ -109,6 +108,7 @@ class Statement:
     problem : the problem, with designed torques fixed.
     law : breakpoints and segment data in balls.
     p : parameters in balls.
+    cycle : the mode sequence, with the phases that end at a breakpoint of the law.
     arcs : the arcs of one cycle, in order of time.
     varied : index of the varying parameter; None if none varies.
     interval : ends of the varying parameter as texts; empty if none varies.
@@ -122,17 +122,13 @@ class Statement:
     system: HybridSystem
     law: ExactLaw
     p: Sequence[arb]
+    cycle: Cycle
     arcs: Sequence[OrbitArc]
     varied: int | None
     interval: tuple[str, ...]
     special: str | None
     reference: "Statement | None"
     printed: Hypotheses
-
-    @property
-    def cycle(self) -> Cycle:
-        """The mode sequence."""
-        return self.problem.cycle
 
     @property
     def own_duration(self) -> float | None:
@@ -189,7 +185,8 @@ def _restore(
     exact, designed = ExactValues(source), _designed(problem, record.designed, intervals)
     stated, problem = problem, _with_torques(problem, record, designed)
     control = _completed(problem.control, problem, record, is_fixed=problem is not stated)
-    system = HybridSystem(type(problem.walker), control, problem.impact_law, problem.friction_law)
+    end = problem.cycle_end
+    system = HybridSystem(type(problem.walker), control, problem.impact_law, problem.friction_law, end)
     refuse_uncovered_walkers(problem, system)
     texts = _parameter_texts(problem, system, exact, designed, intervals)
     duration = record.law.duration if isinstance(record.law, DurationRecord) else None
@@ -207,13 +204,15 @@ def _restore(
         name, silent = reference.problem.name, reference.printed["not_proved"]
         printed["reference"] = reference.printed
         printed["not_proved"] += [f"{name}: {words}" for words in silent if words not in printed["not_proved"]]
+    cycle = _timed(record.arcs, problem.cycle)
     return Statement(
         record=record,
         problem=problem,
         system=system,
         law=law,
         p=p,
-        arcs=_arcs(record.arcs, problem.cycle, system.transitions, control),
+        cycle=cycle,
+        arcs=_arcs(record.arcs, cycle, system.transitions, control),
         varied=None if varied is None else system.parameters.index(varied),
         interval=interval,
         special=special,
@@ -378,20 +377,29 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
     Raises
     ------
     NotProved
-        If the walker has several contacts, joint stops, flight, switches, a push-off or a nonlinear closure, or if a
-        mode is other than sticking or slipping on one foot.
+        If no claim covers the walker, one of its modes, or the end of its cycle; the message says why.
     """
-    walker = system.walker
-    unknown = [feature for feature in walker.features() if feature in UNCOVERED]
-    if "several contacts" not in unknown and is_default(walker, "after_impact") and not is_linear(walker):
-        unknown.append("a posture after its impact that Newton's method solves for")
-    if unknown:
-        raise NotProved(f"{problem.name}: a {walker.model} has {' and '.join(unknown)}; proofs do not cover that")
-    if problem.cycle_end != TOUCHDOWN:
-        raise NotProved(f"{problem.name}: its cycle ends without a landing; proofs do not cover that")
-    for mode in (*problem.cycle.phases, *problem.cycle.impacts):
-        if mode not in CONTACTS:
-            raise NotProved(f"{problem.name}: proofs do not cover a phase or an impact with {mode}")
+    walker, name = system.walker, problem.name
+    if walker.placed_contacts():
+        words = "massless contacts with coordinates of their own, whose forces do not follow from accelerations"
+        raise NotProved(f"{name}: a {walker.model} has {words}; proofs do not cover that")
+    if walker.contacts and system.friction.may_drop:
+        words = "static above kinetic friction, so that several modes are consistent where one of its contacts slips"
+        raise NotProved(f"{name}: a {walker.model} has several contacts and {words}; proofs do not cover that")
+    if any(mode.is_named != bool(walker.contacts) for mode in problem.cycle.phases):
+        raise NotProved(f"{name}: both feet are on the ground in a phase; proofs cover feet that stand alone")
+    if any(landed.swaps for step in problem.cycle.steps for _, landed in step.landings):
+        raise NotProved(f"{name}: the feet swap roles within the cycle; proofs cover landings that end a step")
+    if walker.stands_on_one() and problem.cycle_end != TOUCHDOWN:
+        raise NotProved(f"{name}: its cycle ends without a landing; proofs of one foot do not cover that")
+    for mode in problem.cycle.phases if walker.contacts else ():
+        modes_of_contacts(system, mode)
+    section = system.section(problem.cycle)
+    if section.stated and not section.is_explicit and walker.section_rates is not None:
+        words = "a posture after its impact that Newton's method solves for, and rates that follow from others"
+        raise NotProved(f"{name}: a {walker.model} has {words}; proofs do not cover that")
+    if "energy" in walker.model_fields and walker.contacts:
+        raise NotProved(f"{name}: its energy is a parameter, and several contacts land; proofs do not cover that")
 
 
 def _parameter_texts(
@@ -440,6 +448,23 @@ def _check_corners(problem: Problem, designed: Mapping[str, str], intervals: Map
             raise ValueError(f"the intervals contain values that contradict each other: {error}") from error
 
 
+def _timed(records: Sequence[ArcRecord], sequence: Cycle) -> Cycle:
+    """The mode sequence with the phases that end at a breakpoint of the control law.
+
+    Raises
+    ------
+    ValueError
+        If such a phase is the last one of its step, or an arc within its phase is said to end it.
+    """
+    timed = {record.phase for record in records if record.timed}
+    last = {record.phase: record for record in records}
+    for record in (record for record in records if record.timed):
+        is_inner = record.phase < len(sequence.phases) and sequence.after(record.phase) is not None
+        if record is not last[record.phase] or not is_inner or sequence.reset_after(record.phase) is not None:
+            raise ValueError(f"phase {record.phase + 1} cannot end at a breakpoint of the control law")
+    return sequence.with_timed(timed)
+
+
 def _arcs(records: Sequence[ArcRecord], sequence: Cycle, table: Transitions, control: Control) -> list[OrbitArc]:
     """The arcs of one cycle. Two arcs of a phase meet at a breakpoint of the law; the last one ends with its event.
 
@@ -453,15 +478,16 @@ def _arcs(records: Sequence[ArcRecord], sequence: Cycle, table: Transitions, con
         raise ValueError("the arcs do not follow the mode sequence of the problem")
     arcs, segment = list[OrbitArc](), 0
     for record, after in zip(records, [*phases[1:], None], strict=True):
-        mode = sequence.phases[record.phase]
-        is_inside = after == record.phase
-        event = BREAKPOINT if is_inside else table.between(mode, sequence.after(record.phase)).guard
-        if is_inside and segment >= len(control.breakpoints):
+        mode, ends_phase = sequence.phases[record.phase], after != record.phase
+        row = table.ending(sequence, record.phase) if ends_phase else table.at_breakpoint(mode)
+        if row.guard == BREAKPOINT and segment >= len(control.breakpoints):
             raise ValueError(
                 f"arc {len(arcs) + 1} ends with a breakpoint, but the control has {len(control.breakpoints)}"
             )
-        arcs.append(OrbitArc(mode, segment, record.phase, event, tuple(record.fractions)))
-        segment = 0 if event == "touchdown" else segment + is_inside
+        # those of other contacts are zero in a symmetric motion only, which no equation states
+        zeros = row.zeros if table.walker.massless_feet else row.zeros[:1]
+        arcs.append(OrbitArc(mode, segment, record.phase, row.guard, zeros, ends_phase, tuple(record.fractions)))
+        segment = 0 if row.ends_step else segment + (row.guard == BREAKPOINT)
     return arcs
 
 
@@ -504,6 +530,8 @@ def _hypotheses(
 ) -> Hypotheses:
     """The printed statement about a problem that law data and designed values complete."""
     scuffing = "whether anything but the swing foot touches the ground, or that foot before its touchdown (scuffing)"
+    if problem.walker.contacts:
+        scuffing = "whether anything but the contacts touches the ground, or a contact in a posture in which none lands"
     not_proved = [scuffing]
     if isinstance(record.law, MotionRecord) and record.reference is None:
         name = problem.control.source[0]
@@ -521,6 +549,7 @@ def _hypotheses(
         else "coulomb",
         "impact_law": str(problem.impact_law),
         "mode_sequence": str(problem.cycle),
+        **({} if problem.cycle_end == TOUCHDOWN else {"cycle_end": problem.cycle_end}),
         "control": problem.control.type,
         "law": _law_texts(problem.control, system.control, record, exact),
         "parameters": {key: texts[key] for key in system.parameters},
@@ -621,10 +650,13 @@ def expressions_digest(system: HybridSystem, cycle: Cycle) -> str:
     functions: list[Function] = []
     for mode in dict.fromkeys(cycle.phases):
         functions += [system.flow(mode), system.margins(mode)]
-    functions += [system.lift]
-    for step in {step.impact: step for step in cycle.steps}.values():
-        struck, before = system.walker.swapped(step.impact), step.phases[-1]
-        functions += [system.reset(struck, before), system.impact_margins(struck, before)]
+    functions += [system.lift] if has_stated_sections(system.walker, system.cycle_end) else []
+    resets = dict[Mode, tuple[Mode, Mode, bool]]()
+    for phase, before in enumerate(cycle.phases):
+        if (struck := system.transitions.struck(cycle, phase)) is not None:
+            resets.setdefault(struck, (struck, before, cycle.after(phase) is None))
+    for struck, before, ends_step in resets.values():
+        functions += [system.reset(struck, before, ends_step=ends_step), system.impact_margins(struck, before)]
     digest = hashlib.sha256()
     for function in functions:
         for k in range(function.n_instructions()):

@@ -22,14 +22,17 @@ R. E. Moore (1966), Interval Analysis; W. Tucker (2011), Validated Numerics, cha
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
+from math import prod
 from typing import Any
 
-from casadi import SX, Function, cse, jacobian, sum1, vertcat
+from casadi import SX, Function, cse, det, jacobian, ldl, ldl_solve, reshape, sum1, vertcat
 from flint import arb, arb_mat, arb_series, ctx
 
 from gaitopt.building import built_once
+from gaitopt.model.contacts import LOCKED, NORMAL, TANGENTIAL, constraint_rows, undetermined
 from gaitopt.model.friction import Friction
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import CONTACTS, OFF, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.proof.arithmetic import BallFunction, Matrix, NotProved, Number, assemble, entries_of, hull, matrix
 from gaitopt.threads import cached_property
@@ -67,7 +70,7 @@ class PhaseSpace:
     def parameters(self, y: SX, p: SX) -> SX:
         """The parameters of this step from those of the first one; the varying one is taken from y."""
         values = vertcat(*(y[-1] if k == self.varied else p[k] for k in range(p.numel())))
-        return self.system.walker.step_parameters(values)[self.step]
+        return self.system.step_parameters(values)[self.step]
 
 
 class VectorField:
@@ -88,6 +91,8 @@ class VectorField:
         self._space, self._constants = space, (p, r)
         self.units = [*map(float, units), 1.0][: space.n]
         self.added_widths = [ADDED_WIDTH * unit / float(units[-1]) for unit in self.units]
+        for k in held_coordinates(space.system, mode):
+            self.added_widths[k] = self.added_widths[k + space.system.n_z // 2] = 0.0
 
     @cached_property
     def rate(self) -> BallFunction:
@@ -110,8 +115,13 @@ class VectorField:
         return self._graph("apparent_masses")
 
     @cached_property
+    def regularities(self) -> BallFunction:
+        """y -> a number with the sign of the regularity of each mode of the contacts on the ground; see ``Motion``."""
+        return self._graph("regularities")
+
+    @cached_property
     def observation(self) -> BallFunction:
-        """y -> contact force f_t, f_n [N] and the power of all motors [W]."""
+        """y -> forces f_t, f_n of one contact after the other [N], and the power of all motors [W]."""
         return self._graph("observation")
 
     def _graph(self, name: str) -> BallFunction:
@@ -126,22 +136,79 @@ def _function(space: PhaseSpace, mode: Mode, name: str) -> Function:
     inputs = (y[system.n_z], y[: system.n_z], values, r)
     if name in ("rate", "jacobian"):
         expression = vertcat(system.flow(mode)(*inputs), 1, SX.zeros(int(space.varied is not None)))
+        for k in held_coordinates(system, mode):  # exactly, and not only up to the width of a ball
+            expression[k] = expression[k + system.n_z // 2] = 0
     elif name == "margins":
         expression = system.margins(mode)(*inputs)
     elif name == "apparent_masses":
-        slips = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
+        slips = [mode.with_contact(slip) for slip in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)]
         names, static = system.transitions.margin_names, SX(values)
         law = system.friction
         if isinstance(law, Friction) and law.may_drop:  # the margin of a slip has the kinetic coefficient
             static[system.parameters.index(law.kinetic)] = static[system.parameters.index(law.static)]
         with_static = (*inputs[:2], static, r)
         expression = vertcat(*(system.margins(slip)(*with_static)[names(slip).index("painleve")] for slip in slips))
+    elif name == "regularities":
+        expression = _regularities(system, mode, y[: system.n_z], values)
     else:
         force, _, power, *_ = system.observation(mode)(*inputs)
         expression = vertcat(force, sum1(power))
     if name == "jacobian":
         expression = jacobian(expression, y)
     return Function(name, [y, p, r], cse([expression]))
+
+
+def held_coordinates(system: HybridSystem, mode: Mode) -> list[int]:
+    """Indices of the coordinates that a locked stop holds, because its gap depends on no other coordinate."""
+    gaps, n = system.expressions.eom.gaps, len(system.walker.shape)
+    rows = [[k for k in range(n) if not gaps[name][k].is_zero()] for name in mode.locked]
+    return [row[0] for row in rows if len(row) == 1]
+
+
+def modes_of_contacts(system: HybridSystem, mode: Mode) -> list[Mode]:
+    """All modes in which the contacts that touch the ground in a mode stick, slip or are off.
+
+    Raises
+    ------
+    NotProved
+        If contacts share their forces in one of them.
+    """
+    states = product((*CONTACTS, OFF), repeat=len(mode.touching))
+    changed = (mode.with_states(dict(zip(mode.touching, words, strict=True))) for words in states)
+    modes = [other for other in changed if other.contact in system.walker.foot_modes()]
+    for other in modes:
+        if shared := undetermined(system.walker, other):
+            words = f"{' and '.join(shared)} share their forces in {other.brief}, so that these are not unique"
+            raise NotProved(f"{system.walker.model}: {words}; proofs do not cover that")
+    return modes
+
+
+def _regularities(system: HybridSystem, mode: Mode, z: SX, p: SX) -> SX:
+    """det J M^-1 G of every mode in which contacts on the ground slip.
+
+    J are the constraints of a mode, and G the directions of its forces: a contact that slips has the column n - s mu t.
+    The regularity is det J M^-1 G / det J M^-1 J', whose denominator is positive. M has only positive pivots in any
+    order, while those of the whole linear system may pass through zero.
+    """
+    blocks, values, first = dict[str, SX](), system.mechanics(z, p), 0
+    for name, shape in system.mechanics_shapes.items():
+        size = prod(shape)
+        columns = shape[1] if len(shape) > 1 else 1
+        blocks[name], first = reshape(values[first : first + size], columns, shape[0]).T, first + size
+    M, J = blocks["M"], blocks["J"]
+    inverse = ldl_solve(J.T, *ldl(M))
+    W, coefficients, determinants = J @ inverse, system.contact_coefficients(p), [SX(1)]
+    stops = constraint_rows(system.walker, [(name, LOCKED) for name in mode.locked])
+    for other in (other for other in modes_of_contacts(system, mode) if other.slips):
+        normal, held = ([(name, kind) for name in other.touching] for kind in (NORMAL, TANGENTIAL))
+        held = [(name, kind) for name, kind in held if not other.directions[name]]
+        rows = [*constraint_rows(system.walker, [*normal, *held]), *stops]
+        square = W[rows, rows]
+        for column, (name, _) in enumerate(normal):
+            (along,) = constraint_rows(system.walker, [(name, TANGENTIAL)])
+            square[:, column] -= other.directions[name] * coefficients[name][1] * W[rows, along]
+        determinants.append(det(square))
+    return vertcat(*determinants)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +240,11 @@ class TaylorStep:
     def end_of(self, start: list[list[Number]], h: Number) -> list[Number]:
         """End of the motion with the first N coefficients ``start``, after a time of at most the step's length."""
         return [evaluate([*c[: self.order], r[self.order]], h) for c, r in zip(start, self.remainder, strict=True)]
+
+    def halves(self) -> tuple["TaylorStep", "TaylorStep"]:
+        """The same motions in two steps, whose remainders are smaller."""
+        first = expand(self.field, [c[0] for c in self.start], self.h / 2, self.order)
+        return first, expand(self.field, first.end, self.h / 2, self.order)
 
     def variation(self) -> Matrix:
         """Derivative Phi(h) of the end in the start, shape (n, n).

@@ -28,12 +28,14 @@ from gaitopt.model.modes import Mode  # noqa: E402
 from gaitopt.model.system import HybridSystem  # noqa: E402
 from gaitopt.model.tracking import ProportionalDerivative  # noqa: E402
 from gaitopt.model.walkers.compass_biped import CompassBiped  # noqa: E402
+from gaitopt.model.walkers.hopper import Hopper  # noqa: E402
+from gaitopt.model.walkers.kneed import KneedWalker  # noqa: E402
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel  # noqa: E402
 from gaitopt.problem.source import parse_source  # noqa: E402
 from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted  # noqa: E402
 from gaitopt.proof.certificate import parse_certificate, read_certificate, sha256  # noqa: E402
 from gaitopt.proof.check import BRACKETED, MARGIN_CHANGES, MOTION, check, check_box, conclude  # noqa: E402
-from gaitopt.proof.claims import ProofClaim, _time_window, _vanishes_after_impact, mode_claim_names  # noqa: E402
+from gaitopt.proof.claims import ProofClaim, _time_window, mode_claim_names, zeros_after_impact  # noqa: E402
 from gaitopt.proof.law import ExactLaw  # noqa: E402
 from gaitopt.proof.law_data import _steps, motion_claim  # noqa: E402
 from gaitopt.proof.orbit import Orbit  # noqa: E402
@@ -585,12 +587,22 @@ def forged_certificate(wrong, law):
     return header | {"arcs": through_json(arc_records(arcs)), "boxes": [box]}
 
 
-@pytest.mark.parametrize(("walker", "expected"), [(CompassBiped, {"touchdown"}), (RimlessWheel, {"upright"})])
-def test_only_margins_of_feet_on_the_ground_vanish_after_an_impact(walker, expected):
-    """Their expressions simplify to zero; those of other margins do not."""
+@pytest.mark.parametrize(
+    ("walker", "mode", "expected"),
+    [
+        (CompassBiped, "stick", {"touchdown": 1}),
+        (RimlessWheel, "stick", {"upright": 1}),
+        (KneedWalker, "stick, knee free", {"knee": 2}),
+        (Hopper, "stick, leg free, thrust off", {"leg": 1}),
+    ],
+)
+def test_only_margins_of_closed_contacts_and_stops_vanish_after_an_impact(walker, mode, expected):
+    """Their expressions simplify to zero, and those of the rates of stops that the impact holds; no others do."""
     system = HybridSystem(walker, NoControl())
-    names = system.transitions.margin_names(Mode.STICK)
-    assert {name for name in names if _vanishes_after_impact(system, name)} == expected
+    orders = {
+        name: zeros_after_impact(system, Mode(mode), name) for name in system.transitions.margin_names(Mode(mode))
+    }
+    assert {name: order for name, order in orders.items() if order} == expected
 
 
 def test_the_page_names_the_functions_and_tests_of_every_line_of_the_theorem():

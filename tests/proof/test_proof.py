@@ -279,8 +279,8 @@ def consistent_impacts(impact):
         graph = impact(self, mode, j)
 
         def spoiled_graph(y):
-            values, after = graph(y)
-            return [[abs(value) for value in values], after]
+            values, *rest = graph(y)
+            return [[abs(value) for value in values], *rest]
 
         return spoiled_graph
 
@@ -291,12 +291,11 @@ def reversed_impact(impact, name):
     """Impacts one of whose margins has the other sign."""
 
     def margins(self, mode, j):
-        struck, graph = self.system.walker.swapped(mode), impact(self, mode, j)
-        names = self.system.transitions.impact_margin_names(struck, self.arcs[j].mode)
+        graph, names = impact(self, mode, j), self.system.transitions.impact_margin_names(mode, self.arcs[j].mode)
 
         def spoiled_graph(y):
-            values, after = graph(y)
-            return [[-value if own == name else value for own, value in zip(names, values, strict=True)], after]
+            values, *rest = graph(y)
+            return [[-value if own == name else value for own, value in zip(names, values, strict=True)], *rest]
 
         return spoiled_graph
 
@@ -412,15 +411,14 @@ def test_a_family_beside_its_orbits_is_refused(part):
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("kneed-passive", "joint stops"),
-        ("hopper", "flight"),
-        ("compass-push-off", "a push-off"),
+        pytest.param("flat-foot", "share their forces", marks=pytest.mark.slow),
+        ("slip-walk", "massless contacts with coordinates of their own"),
     ],
 )
 def test_what_no_proof_knows_is_refused_by_name(name, reason):
     result = prove(gait(name))
     assert not result.proved
-    assert reason in failed(result)["statement"]
+    assert reason in " ".join(failed(result).values())
 
 
 class ForeignWheel(RimlessWheel):
@@ -491,17 +489,6 @@ def test_where_gait_a_loses_stability():
     assert "complex pair" in {claim.name: claim.words for claim in result.claims}["sign change"]
     assert failures(result.certificate) == {}
     assert failures({**result.certificate, "special": "period_doubling"}).keys() == {"sign change"}
-
-
-def test_a_phase_that_ends_because_the_torques_jump_is_refused_by_name():
-    from jumping import SLIPPING, gait
-
-    proof = prove(gait(0.165, *SLIPPING))
-    assert not proof.proved
-    (claim,) = proof.claims
-    assert claim.words == (
-        "phase 1 (stick) ends at a breakpoint of the control law, where the torques jump: not covered"
-    )
 
 
 def test_an_orbit_with_more_unknowns_than_a_certificate_may_have_is_not_proved(monkeypatch):

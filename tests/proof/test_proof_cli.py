@@ -36,9 +36,9 @@ def certificate(proved, tmp_path, monkeypatch):
 
 def test_what_proofs_do_not_cover_is_said_without_empty_tables(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code, out, _ = run("prove", "heel-toe", "--quiet")
+    code, out, _ = run("prove", "slip-walk", "--quiet")
     assert code == 4
-    assert "a heel_toe has several contacts; proofs do not cover that" in out
+    assert "a slip_walker has massless contacts with coordinates of their own" in out
     assert "hypothesis" not in out
     assert "bounds" not in out
 

@@ -5,10 +5,10 @@ import random
 
 import numpy as np
 import pytest
-from casadi import SX, Function, fabs, jacobian, sin, vertcat
+from casadi import SX, Function, fabs, jacobian, sign, sin, vertcat
 
 flint = pytest.importorskip("flint")
-from flint import acb, arb, arb_mat, ctx  # noqa: E402
+from flint import acb, arb, arb_mat, arb_series, ctx  # noqa: E402
 
 from gaitopt import Mode, load_problem  # noqa: E402
 from gaitopt.model.control import NoControl  # noqa: E402
@@ -190,7 +190,11 @@ def test_every_operation_has_the_value_of_casadi(operation):
 def test_a_kink_is_refused():
     x = SX.sym("x")
     with pytest.raises(ValueError, match=r"kink: CasADi's operation .* is not analytic"):
-        BallFunction(Function("kink", [x], [fabs(x)]), [])
+        BallFunction(Function("kink", [x], [sign(x)]), [])
+    absolute = BallFunction(Function("absolute", [x], [fabs(x)]), [])
+    assert absolute([arb_series([arb(-2), 1])])[0][0].coeffs() == [2, -1]
+    with pytest.raises(NotProved, match="a maximum may change"):
+        absolute([arb_series([arb(0, 1), 1])])
 
 
 def test_constants_stand_for_multiples_of_pi_or_for_themselves():

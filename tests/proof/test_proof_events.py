@@ -1,0 +1,230 @@
+"""Proofs of gaits with several contacts, stops, switches, flight, a push-off, or phases of given duration."""
+
+import json
+from copy import deepcopy
+from functools import cache
+
+import pytest
+
+flint = pytest.importorskip("flint")
+from flint import arb, ctx  # noqa: E402
+from jumping import SLIPPING  # noqa: E402
+from jumping import gait as jumping_gait  # noqa: E402
+from named import named  # noqa: E402
+
+from gaitopt import prove  # noqa: E402
+from gaitopt.proof import claims, orbit  # noqa: E402
+from gaitopt.proof.arithmetic import PRECISION, NotProved, ball  # noqa: E402
+from gaitopt.proof.certificate import sha256  # noqa: E402
+from gaitopt.proof.check import check  # noqa: E402
+from gaitopt.proof.taylor import VectorField  # noqa: E402
+
+QUICK = ("crawler", "hopper")
+STABLE = {
+    "crawler": True,
+    "hopper": True,
+    "slip-run": True,
+    "compass-push-off": True,
+    "kneed-passive": True,
+    "telescopic-passive": True,
+    "heel-toe": True,
+    "heel-toe-slip": True,
+    "heel-toe-impact-slip": False,
+    "inchworm": True,
+}
+"""All problems that are proved here, and whether they are stable."""
+STATE_TOLERANCE, MULTIPLIER_TOLERANCE = 3e-12, 1e-7
+
+
+@cache
+def proof(name):
+    result = prove(named(name))
+    assert result.proved, failed(result)
+    return result
+
+
+def failed(result):
+    return {claim.name: claim.words for claim in result.claims if not claim.proved}
+
+
+def certificate(name):
+    return json.loads(json.dumps(proof(name).certificate))
+
+
+def refusals(data):
+    result = check(data)
+    assert not result.proved
+    return failed(result)
+
+
+def reworded(name, *changes):
+    data = certificate(name)
+    for old, new in changes:
+        assert old in data["problem"]["text"], old
+        data["problem"]["text"] = data["problem"]["text"].replace(old, new)
+    data["problem"]["sha256"] = sha256(data["problem"]["text"])
+    return data
+
+
+@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in STABLE])
+def test_a_gait_with_events_within_its_step_is_proved_where_the_solver_finds_it(name):
+    result, gait = proof(name), named(name)
+    assert result.stable is STABLE[name]
+    for value, bounds in zip(gait.state, result.state.values(), strict=True):
+        assert abs(float(bounds.mid()) - value) < STATE_TOLERANCE
+    for (_, duration), bounds in zip(gait.phases, result.durations, strict=True):
+        assert abs(float(bounds.mid()) - duration) < STATE_TOLERANCE
+    for key in ("period", "step_length", "work", "required_friction"):
+        if result.measures[key] is not None:
+            assert abs(float(result.measures[key].mid()) - gait.measures[key]) < 1e-9, key
+    for multiplier in gait.multipliers:
+        assert min(abs(complex(m.mid()) - multiplier) for m in result.multipliers) < MULTIPLIER_TOLERANCE
+    again = check(certificate(name))
+    assert again.proved
+    assert {claim.name for claim in again.claims} == {claim.name for claim in result.claims}
+
+
+def test_the_damped_oscillations_of_the_crawler_lie_in_its_enclosures():
+    """gap = g + (gap_0 - g) (1, -e) at both ends of each slide, e = exp(-s pi / w); see ``walkers.crawler``."""
+    result = proof("crawler")
+    with ctx.workprec(PRECISION):
+        k, c, rest, force, weight, slope = map(ball, ("20", "1.5", "0.5", "4.95", "9.81", "0.1"))
+        along, normal, balance, factor, times = weight * slope.sin(), weight * slope.cos(), [], [], []
+        for m, mu, sign in ((ball("1.5"), ball("0.4"), 1), (ball("1"), ball("0.6"), -1)):
+            balance.append(rest + sign * (force + m * along - mu * m * normal) / k)
+            s = c / (2 * m)
+            w = (k / m - s * s).sqrt()
+            factor.append((-s * arb.pi() / w).exp())
+            times.append(arb.pi() / w)
+        (g1, g2), (e1, e2) = balance, factor
+        start = (g2 * (1 + e2) - e2 * g1 * (1 + e1)) / (1 - e1 * e2)
+        wide = g1 + e1 * (g1 - start)
+        assert result.state["gap"].overlaps(start)
+        assert all(result.state[name].is_zero() or result.state[name].contains(0) for name in ("rise", "y", "dgap"))
+        assert result.durations[0].overlaps(times[0])
+        assert result.durations[2].overlaps(times[1])
+        assert result.measures["step_length"].overlaps(wide - start)
+        assert result.multipliers[0].real.overlaps(e1 * e2)
+        assert float(result.state["gap"].rad()) < 1e-11
+    assert result.minimal_period
+    assert result.statement["cycle_end"] == "clock"
+
+
+def test_the_speed_and_the_multiplier_of_the_hopper_lie_in_their_enclosures():
+    """v^2 = m (1 + 2 A g) / (k A^2), multiplier rho^2 + (1 - rho^2) / (2 (1 + A g)); see ``walkers.hopper``."""
+    result = proof("hopper")
+    with ctx.workprec(PRECISION):
+        body, foot, stiffness, thrust, g = map(ball, ("8", "2", "4000", "200", "9.81"))
+        rho = body / (body + foot)
+        depth = (1 / rho**2 - 1) * body / (2 * thrust)
+        assert result.state["dshortening"].overlaps((body * (1 + 2 * depth * g) / (stiffness * depth**2)).sqrt())
+        assert result.multipliers[0].real.overlaps(rho**2 + (1 - rho**2) / (2 * (1 + depth * g)))
+    assert result.measures["cost_of_transport"] is None
+
+
+@pytest.mark.parametrize(
+    ("field", "refused"),
+    [
+        (("boxes", 0, "centre", 0), "existence and uniqueness"),
+        (("boxes", 0, "centre", 2), "existence and uniqueness"),
+    ],
+)
+def test_a_forged_gap_or_height_of_the_crawler_is_refused(field, refused):
+    data = certificate("crawler")
+    *above, last = field
+    place = data
+    for key in above:
+        place = place[key]
+    place[last] = repr(float(place[last]) + 1e-6)
+    assert refusals(data).keys() == {refused}
+
+
+def test_a_phase_whose_end_is_forged_is_refused():
+    """The second phase of the crawler ends at the breakpoint, and the first one where the front stops."""
+    data = certificate("crawler")
+    timed = [arc for arc in data["arcs"] if arc.get("timed")]
+    assert [arc["phase"] for arc in timed] == [1]
+    untimed = deepcopy(data)
+    untimed["arcs"][1]["timed"] = False
+    refusals(untimed)
+    for phase in (0, 3):
+        wrong = deepcopy(data)
+        wrong["arcs"][phase]["timed"] = True
+        refusals(wrong)
+
+
+@pytest.mark.parametrize(
+    ("changes", "refused"),
+    [
+        ((("front: 0.4", "front: 0.41"),), "existence"),
+        ((("slope: 0.1", "slope: 0.101"),), "existence"),
+        ((("rear: 0.6, front: 0.4", "rear: {static: 0.7, kinetic: 0.6}, front: 0.4"),), "statement"),
+        ((("{rear: stick, front: slip_forward}", "{rear: stick, front: slip_backward}"),), ""),
+    ],
+)
+def test_a_crawler_whose_text_is_forged_is_refused(changes, refused):
+    assert any(name.startswith(refused) for name in refusals(reworded("crawler", *changes)))
+
+
+def test_a_hopper_with_another_thrust_or_sequence_is_refused():
+    assert "existence and uniqueness" in refusals(reworded("hopper", ("thrust: 200", "thrust: 201")))
+    refusals(reworded("hopper", ("{mode: flight, leg: locked", "{mode: flight, leg: free")))
+
+
+MUTATIONS = {
+    "regularity": (VectorField, "regularities", lambda old: negated(old.func), "crawler", "unique forces"),
+    "section": (orbit.Orbit, "require_section", lambda old: refusing, "crawler", "section"),
+    "order of a slip": (claims, "_order_of_zero", lambda old: lambda *_: 0, "crawler", "slip_velocity.front"),
+    "order of a stop": (claims, "zeros_after_impact", lambda old: lambda *_: 0, "hopper", "leg"),
+    "impulse of a stop": (orbit.Orbit, "impact", lambda old: opposite(old), "hopper", "impact"),
+}
+
+
+def negated(graph):
+    return property(lambda self: lambda y: [[-value for value in values] for values in graph(self)(y)])
+
+
+def opposite(impact):
+    def margins(self, struck, j):
+        graph = impact(self, struck, j)
+        return lambda y: [[-value for value in values] if k == 0 else values for k, values in enumerate(graph(y))]
+
+    return margins
+
+
+def refusing(self, cycle):
+    raise NotProved("singular")
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS)
+def test_a_mutation_of_the_claims_about_events_is_noticed(mutation, monkeypatch):
+    owner, attribute, spoil, name, claim = MUTATIONS[mutation]
+    data = certificate(name)
+    monkeypatch.setattr(owner, attribute, spoil(getattr(owner, attribute)))
+    assert any(claim in refused for refused in refusals(data))
+
+
+@pytest.mark.slow
+def test_a_toe_that_would_slip_is_refused_by_the_edge_of_its_cone():
+    """Friction does not enter the motion of heel-toe, in which nothing slips; it needs 0.27484."""
+    refused = refusals(reworded("heel-toe", ("friction: 0.3", "friction: 0.2748")))
+    assert refused.keys() == {"arc 1, heel: stick, toe: off, swing_heel: off, swing_toe: off: cone_backward.heel"}
+
+
+@pytest.mark.slow
+def test_a_phase_that_ends_because_the_torques_jump_is_proved():
+    """One foot that sticks until a breakpoint, where the ankle begins to push."""
+    result = prove(jumping_gait(0.165, *SLIPPING))
+    assert result.proved, failed(result)
+    assert [arc["phase"] for arc in result.certificate["arcs"] if arc.get("timed")] == [0]
+
+
+@pytest.mark.slow
+def test_where_the_apparent_mass_is_negative_the_foot_would_have_to_pull():
+    """On friction 1 the kneed walker is in the paradox of Painleve in the middle of its step, but its foot sticks."""
+    claim = {c.name: c.words for c in proof("kneed-passive").claims}["arc 1, stick, knee free: apparent mass"]
+    assert "a slip would pull the ground" in claim
+    less = prove(named("kneed-passive").problem.replace({"friction": 0.4}))
+    words = {c.name: c.words for c in less.claims}["arc 1, stick, knee free: apparent mass"]
+    assert less.proved
+    assert "positive throughout" in words
