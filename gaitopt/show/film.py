@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, combinations, groupby, pairwise
 from types import SimpleNamespace
+from typing import NotRequired, TypeAlias
 
 import numpy as np
 from casadi import SX, Function, horzcat, vertcat, vertsplit
@@ -31,8 +32,9 @@ from gaitopt.model.declaration import has_links, is_default, parameter_namespace
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import Mechanism
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.section import cycle_end, cycle_start
+from gaitopt.model.system import FLOOR
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
@@ -62,6 +64,8 @@ MAGNIFICATIONS = (100, 50, 20, 10, 5, 2)
 """Magnifications of the magnifier; the largest one is chosen in which the longest slip fits."""
 FITS = 0.3
 """Longest slip that fits into the magnifier, in heights of the walker as drawn outside it."""
+FAR = 100.0
+"""Length of the ground beyond the first and the last foot of a floor [m]."""
 DIGITS = 9
 """Number of digits of lengths that are compared, so that rounding does not decide which of two equal legs comes
 first."""
@@ -83,13 +87,17 @@ class FilmContactRecord(TypedDict):
     friction: float
 
 
+FilmTile: TypeAlias = tuple[float, float, float, float, float]
+"""A tile of the ground: x [m] and then y [m] of its two ends, and its friction relative to the nominal one, minus 1."""
+
+
 class FilmPhaseRecord(TypedDict):
     """A phase: ``mode`` determines its colour, ``words`` describe the contacts, ``contacts`` are their modes.
 
     ``undetermined`` says for each contact whether its share of a force is undetermined: the page then draws no force. A
     phase lasts from ``start`` to ``end`` [s] and from frame ``first`` to ``last``, in a ``step`` with its ``origin``
     [m]. ``closeup`` is the number of the contact under the magnifier and the x [m] at its middle; None if there is
-    none.
+    none. On a floor, ``ground`` is the friction and the slope [rad] of the tile under every contact.
     """
 
     mode: str
@@ -103,6 +111,7 @@ class FilmPhaseRecord(TypedDict):
     first: int
     last: int
     closeup: tuple[int, float] | None
+    ground: NotRequired[list[tuple[float, float]]]
 
 
 class FilmRecord(TypedDict):
@@ -111,8 +120,9 @@ class FilmRecord(TypedDict):
     Frames are Chebyshev points of each phase, as many as a smooth curve needs; their columns are the coordinates ``xK``
     and ``yK`` of the points, the force ``f_tN`` and ``f_nN`` at each contact, the shape with its rates, and
     ``torque ACTUATOR``. Point 0 is the stance foot. All x count from the stance foot at the start of its step, which is
-    ``origin`` in the cycle. The picture follows the walker between the times and places of ``path``; ``magnification``
-    is that of the magnifier of the feet, 0 if none of them slips.
+    ``origin`` in the cycle. The picture follows the walker between the times and places of ``path``, and on a floor
+    also its heights; ``magnification`` is that of the magnifier of the feet, 0 if none of them slips. ``tiles`` are
+    those of a floor.
     """
 
     name: str
@@ -128,7 +138,8 @@ class FilmRecord(TypedDict):
     time_label: str
     motor_label: str
     step_length: float
-    path: list[tuple[float, float]]
+    path: list[tuple[float, ...]]
+    tiles: list[FilmTile]
     magnification: int
     impacts: list[str]
     impulse_ratios: list[float | None]
@@ -198,6 +209,55 @@ def slope(motion: Motion) -> float:
     _, _, gravity, *_ = _mechanism(motion.walker)
     along, normal = np.asarray(gravity(motion.dynamics.p[: len(motion.walker.model_fields)])).ravel()
     return float(np.arctan2(along, -normal))
+
+
+def rise(motion: Motion, step: int) -> float:
+    """Height over the nominal ground [m] from which y counts in a step of a walk on a floor; zero on level ground."""
+    if motion.floor is None:
+        return 0.0
+    return motion.floor.tile(step if motion.walker.base_contact() else 0).height
+
+
+def ground_tiles(motion: Motion) -> list[FilmTile]:
+    """The tiles of a floor, from halfway to the foot before to halfway to the next foot; none on level ground.
+
+    The first and the last tile extend by ``FAR``.
+    """
+    if motion.floor is None:
+        return []
+    names, places, origin = motion.walker.contact_names(), list[float](), 0.0
+    for step in motion.steps:
+        arc = step.arcs[0]
+        drawing = skeleton([replace(arc, times=arc.times[:1], states=arc.states[:1])])
+        under = [
+            drawing.points[0, drawing.contacts[n] if motion.walker.label(name) else 0, 0]
+            for n, name in enumerate(names)
+            if name in arc.mode.touching
+        ]
+        places.append(origin + float(np.mean(under or [0.0])))
+        origin += 0.0 if step.impact is None else step.impact.step_length
+    if motion.steps[-1].impact is not None:
+        places.append(places[-1] + motion.steps[-1].impact.step_length)
+    ends = [places[0] - FAR, *((a + b) / 2 for a, b in pairwise(places)), places[-1] + FAR]
+    nominal, tiles = motion.dynamics.static_friction, list[FilmTile]()
+    for n, (place, left, right) in enumerate(zip(places, ends, ends[1:], strict=False)):
+        tile = motion.floor.tile(n)
+        low, high = (tile.height - float(np.tan(tile.slope)) * (x - place) for x in (left, right))
+        friction = nominal if tile.friction is None else tile.friction[0]
+        tiles.append((left, right, low, high, friction / nominal - 1 if nominal else np.sign(friction)))
+    return tiles
+
+
+def _ground_under(arc: Arc, names: Sequence[str]) -> list[tuple[float, float]]:
+    """Friction and slope [rad] of the tile under every contact."""
+    system, p = arc.dynamics.system, arc.dynamics.p
+    coefficients, places = system.contact_coefficients(p), {key: k for k, key in enumerate(system.parameters)}
+    of = {name: name if name in coefficients else FOOT for name in names}
+    slopes = {name: places.get(f"{FLOOR}.{of[name]}.slope") for name in names}
+    return [
+        (_short(float(coefficients[of[name]][0])), 0.0 if (k := slopes[name]) is None else _short(float(p[k])))
+        for name in names
+    ]
 
 
 def magnifier(motion: Motion) -> tuple[int, list[tuple[int, float] | None]]:
@@ -355,11 +415,11 @@ def _exchanged(
 def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
     """A cycle or a walk for a page, with at most ``frames`` frames of a cycle."""
     frames = frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))
-    arcs, phases, path, first = list[Arc](), list[FilmPhaseRecord](), [(0.0, 0.0)], 0
-    names = motion.walker.contact_names()
+    arcs, phases, first, names = list[Arc](), list[FilmPhaseRecord](), 0, motion.walker.contact_names()
+    tiled, rows, path = motion.floor is not None, list[int](), [(0.0, 0.0, rise(motion, 0))]
     magnification, closeups = magnifier(motion)
     for index, (began, step) in enumerate(with_start_times(motion.steps)):
-        time, place = path[-1]
+        time, place, lift = path[-1]
         for whole in step.arcs:
             arc = _at_frames(whole, max(FEWEST_FRAMES, round(frames * whole.duration / motion.period)))
             arcs.append(arc)
@@ -378,19 +438,29 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
                     "closeup": closeups[len(phases)],
                 }
             )
+            if tiled:
+                phases[-1]["ground"] = _ground_under(arc, names)
             first += len(arc.times)
+            rows += [index] * len(arc.times)
         pace = place / time if time else 0.0  # a walk may end within a step, without an impact
         length = step.impact.step_length if step.impact is not None else pace * step.period
-        path.append((time + step.period, place + length))
+        path.append((time + step.period, place + length, lift if step.impact is None else rise(motion, index + 1)))
     drawing = skeleton(arcs)
+    heights = drawing.points[:, :, 1] + np.array([[rise(motion, step)] for step in rows])
     observed, states = [observe(arc) for arc in arcs], np.vstack([arc.states for arc in arcs])
     force, torque = np.vstack([o.force for o in observed]), np.vstack([o.torque for o in observed])
+    if tiled:  # the forces are those along and normal to the tiles
+        for phase in phases:
+            for n, (_, tilt) in enumerate(phase["ground"]):
+                of = slice(phase["first"], phase["last"] + 1), slice(2 * n, 2 * n + 2)
+                turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
+                force[of] = force[of] @ turn
     columns = {f"f_{kind}{k}": force[:, 2 * k + row] for k in range(len(names)) for row, kind in enumerate("tn")}
     for name in motion.walker.shape:
         columns |= {key: states[:, motion.state_index(key)] for key in (name, f"d{name}")}
     columns |= {f"torque {name}": torque[:, k] for k, name in enumerate(motion.walker.actuators)}
     for k in range(drawing.points.shape[1]):
-        columns |= {f"x{k}": drawing.points[:, k, 0], f"y{k}": drawing.points[:, k, 1]}
+        columns |= {f"x{k}": drawing.points[:, k, 0], f"y{k}": heights[:, k]}
     impacts = [step.impact for step in motion.steps if step.impact is not None]
     coefficients = motion.dynamics.system.contact_coefficients(motion.dynamics.p)
     impulses = [impact.stick_impulse.tolist() for impact in impacts]
@@ -411,7 +481,8 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
         "time_label": time_label([motion]),
         "motor_label": motor_label([motion]),
         "step_length": _short(path[-1][1]),
-        "path": [(_short(time), _short(place)) for time, place in path],
+        "path": [tuple(map(_short, point if tiled else point[:2])) for point in path],
+        "tiles": ground_tiles(motion),
         "magnification": magnification,
         "impacts": [contacts_words(impact.mode) for impact in impacts],
         "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],

@@ -22,6 +22,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN, cycle_end
 from gaitopt.model.units import MOTOR_WORDS
 from gaitopt.model.walker import Walker
+from gaitopt.problem.floor import Floor
 from gaitopt.show.style import Label
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.store.gaits import POINTS, integrated_steps
@@ -44,12 +45,14 @@ class Motion:
     steps : steps with their arcs at Chebyshev points and the impact at their end; the last step of a walk may have no
         impact.
     periodic : whether the motion repeats itself.
+    floor : the tiles of a walk; None for the nominal floor.
     """
 
     name: str
     dynamics: Dynamics
     steps: tuple[Step, ...]
     periodic: bool = True
+    floor: Floor | None = None
 
     @property
     def walker(self) -> type[Walker]:
@@ -87,7 +90,7 @@ def motion_of_walk(walk: Walk) -> Motion:
     if not walk.trajectory.steps:
         raise ValueError(f"{walk.problem.name}: the walk ended before it began: {walk.trajectory.message}")
     steps = walk.trajectory.steps
-    return Motion(name=walk.problem.name, dynamics=walk.dynamics, steps=steps, periodic=False)
+    return Motion(name=walk.problem.name, dynamics=walk.dynamics, steps=steps, periodic=False, floor=walk.floor)
 
 
 def motion_from_record(dynamics: Dynamics, record: Mapping[str, Any], name: str = "", points: int = POINTS) -> Motion:

@@ -29,7 +29,7 @@ from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.contacts import undetermined
 from gaitopt.model.modes import Mode
-from gaitopt.show.film import Skeleton, contacts_words, magnifier, skeleton, slope
+from gaitopt.show.film import FAR, Skeleton, contacts_words, ground_tiles, magnifier, rise, skeleton, slope
 from gaitopt.show.motion import Motion
 from gaitopt.show.style import COLOURS, MODE_COLOURS, NEUTRAL, figure_style, panels
 
@@ -59,6 +59,10 @@ PALETTE, SAMPLED_PICTURES = 64, 8
 """Number of colours of a GIF, and of the pictures from which they are chosen."""
 SHORTEST_MP4 = 5.0
 """Smallest duration of the MP4 of a gait [s]."""
+ICY, STICKY = "#56b4e9", "#b07a3c"
+"""Tints of tiles with less and with more than the nominal friction."""
+TINT, FAINTEST = 0.025, 0.15
+"""Depth of the tint of a tile, relative to the picture, and its opacity where the friction is nearly nominal."""
 MARKS = 6
 """Number of marks on the ground per step."""
 FORCE_COLOUR = "#b3246f"
@@ -101,7 +105,7 @@ def movie(motion: Motion, extension: str) -> bytes:
     shown = cycles * motion.period
     count = max(ceil(shown * slower * RATE), 2)
     frames = list(_frames(motion, np.arange(count) * shown / count))  # the next one would be the first again
-    heights = np.concatenate([frame.points[:, 1] for frame in frames])
+    heights = np.concatenate([frame.points[:, 1] - frame.lift for frame in frames])
     length = sum(step.impact.step_length for step in motion.steps if step.impact is not None)
     figure, (axes,) = panels(height=HEIGHT)
     across = [frame.points[:, 0] - frame.camera for frame in frames]
@@ -125,10 +129,10 @@ def movie(motion: Motion, extension: str) -> bytes:
                 axes.set_aspect("equal")
                 low = float(heights.min()) - ROOM * size
                 axes.set(xlim=(-width / 2, width / 2), ylim=(low, low + size))
-                _draw(axes, motion, frame, -frame.camera, HEIGHT)
+                _draw(axes, motion, frame, (-frame.camera, -frame.lift), HEIGHT)
                 stride = abs(length) if abs(length) > ON_THE_SPOT * width else width  # rounding of a hop on the spot
                 spacing = stride / (MARKS * len(motion.steps))
-                _draw_ground(axes, motion, frame.camera, spacing, width)
+                _draw_ground(axes, motion, (frame.camera, frame.lift), spacing, width)
                 axes.text(0.02, 0.03, frame.caption, transform=axes.transAxes, color=NEUTRAL)
                 if slower > 1:
                     caption = f"{slower} times slower"
@@ -201,8 +205,9 @@ def _magnify(lens: Axes, motion: Motion, frame: "_Frame", width: float, traces: 
     contact, middle = frame.closeup
     name = motion.walker.contact_names()[contact]
     foot = frame.points[frame.contacts[contact] if motion.walker.label(name) else 0]
-    _draw(lens, motion, frame, -middle, LENS_LEGS)
-    _draw_ground(lens, motion, middle, width / MARKS, width, slopes=False)
+    base = float(foot[1]) if motion.floor else 0.0
+    _draw(lens, motion, frame, (-middle, -base), LENS_LEGS)
+    _draw_ground(lens, motion, (middle, base), width / MARKS, width, slopes=False)
     if mode.slips:
         if not traces or traces[-1][:3] != (frame.number, contact, mode):
             traces.append((frame.number, contact, mode, []))
@@ -210,7 +215,7 @@ def _magnify(lens: Axes, motion: Motion, frame: "_Frame", width: float, traces: 
     for _, _, kind, places in traces:
         ends = np.array([[place - middle, TRACE_HEIGHTS[kind] * width] for place in (places[0], places[-1])])
         lens.plot(*_turned(motion, ends).T, color=MODE_COLOURS[kind], linewidth=4, solid_capstyle="butt")
-    foot = foot - [middle, 0.0]
+    foot = foot - [middle, base]
     lens.plot(*_turned(motion, foot), "o", color=MODE_COLOURS[mode], markeredgecolor="black", markersize=8, zorder=4)
     if name not in undetermined(motion.walker, frame.arc.mode):
         force = observe(frame.arc).force[0, 2 * contact : 2 * contact + 2]
@@ -243,7 +248,7 @@ def postures(motions: Sequence[Motion]) -> Figure:
         spacing = (1 + 2 * ROOM) * max(high[0] - low[0], NARROWEST * (high[1] - low[1]))
         height = figure.get_figwidth() * (high[1] - low[1]) / (POSTURES * spacing)  # of a walker, in inches
         for k, (time, frame) in enumerate(zip(times, frames, strict=True)):
-            _draw(axes, motion, frame, k * spacing - frame.camera, height)
+            _draw(axes, motion, frame, (k * spacing - frame.camera, -frame.lift), height)
             middle = k * spacing + np.mean([points[k][:, 0].min(), points[k][:, 0].max()])
             x, y = _turned(motion, np.array([middle, 0.0]))
             axes.annotate(
@@ -265,7 +270,8 @@ class _Frame:
     ----------
     points : ndarray, shape (n, 2) - positions [m], x from the stance foot at the start.
     drawing : its lines and discs.
-    camera : x in the middle of the picture, which moves evenly from one impact to the next [m].
+    camera, lift : x in the middle of the picture and height of the ground there, which move evenly from one impact to
+        the next [m].
     number : number of the arc since the start.
     step : number of the step since the start; legs change their roles with every step.
     arc : the arc, at this time only.
@@ -275,6 +281,7 @@ class _Frame:
     points: Array
     drawing: Skeleton
     camera: float
+    lift: float
     number: int
     step: int
     arc: Arc
@@ -298,6 +305,7 @@ def _frames(motion: Motion, times: Array) -> Iterator[_Frame]:
     while began <= times[-1] and (motion.periodic or not number):
         for step in motion.steps:
             length = 0.0 if step.impact is None else step.impact.step_length
+            low, high = rise(motion, steps), rise(motion, steps if step.impact is None else steps + 1)
             for arc in step.arcs:
                 inside = times[(times >= began + arc.start) & (times < began + arc.end)] - began
                 closeup = closeups[number % len(closeups)]
@@ -310,8 +318,9 @@ def _frames(motion: Motion, times: Array) -> Iterator[_Frame]:
                 for k, time in enumerate(inside):
                     assert drawn is not None, "times within an arc"
                     yield _Frame(
-                        points=drawn.points[k] + [origin, 0.0], drawing=drawn, number=number, step=steps,
+                        points=drawn.points[k] + [origin, low], drawing=drawn, number=number, step=steps,
                         camera=origin + length * float(time) / step.period, closeup=closeup,
+                        lift=low + (high - low) * float(time) / step.period,
                         arc=replace(arc, times=inside[k : k + 1], states=states[k : k + 1]),
                     )  # fmt: skip
                 number += 1
@@ -329,12 +338,12 @@ def _turned(motion: Motion, points: Array) -> Array:
     return np.asarray(points @ np.array([[cos(angle), -sin(angle)], [sin(angle), cos(angle)]]))
 
 
-def _draw(axes: Axes, motion: Motion, frame: _Frame, shift: float, height: float) -> None:
-    """Draw the walker, moved by ``shift`` along the slope [m], for a picture of a height [inch].
+def _draw(axes: Axes, motion: Motion, frame: _Frame, shift: tuple[float, float], height: float) -> None:
+    """Draw the walker, moved by ``shift`` along the slope and normal to it [m], for a picture of a height [inch].
 
     A leg keeps its colour when the legs change their roles.
     """
-    drawing, points = frame.drawing, _turned(motion, np.add(frame.points, [shift, 0.0]))
+    drawing, points = frame.drawing, _turned(motion, np.add(frame.points, shift))
     for number, (a, b) in reversed([*enumerate(drawing.legs)]):
         sides = drawing.sides or ((0, 1) if len(drawing.legs) == 2 else (0,) * len(drawing.legs))
         side = sides[number]
@@ -351,15 +360,24 @@ def _draw(axes: Axes, motion: Motion, frame: _Frame, shift: float, height: float
 
 
 def _draw_ground(
-    axes: Axes, motion: Motion, place: float, spacing: float, width: float, *, slopes: bool = True
+    axes: Axes, motion: Motion, place: tuple[float, float], spacing: float, width: float, *, slopes: bool = True
 ) -> None:
-    """Draw the ground with its marks, which do not move with the walker, and its slope."""
-    ends = _turned(motion, np.array([[-width, 0.0], [width, 0.0]]))
-    axes.plot(*ends.T, color="black", linewidth=1)
-    first = ceil((place - width) / spacing)
+    """Draw the ground with its marks, which do not move with the walker, its slope, and the tiles of a floor."""
+    tiles = ground_tiles(motion) or [(place[0] - FAR, place[0] + FAR, place[1], place[1], 0.0)]
+    for left, right, low, high, change in tiles:
+        corners = np.array([[left, low], [right, high], [right, high - TINT * width], [left, low - TINT * width]])
+        if change:
+            opacity = min(1.0, FAINTEST + abs(change))
+            tint = ICY if change < 0 else STICKY
+            axes.fill(*_turned(motion, corners - place).T, color=tint, alpha=opacity, linewidth=0, zorder=0)
+    profile = np.array([corner for left, right, low, high, _ in tiles for corner in ((left, low), (right, high))])
+    axes.plot(*_turned(motion, profile - place).T, color="black", linewidth=1)
+    first = ceil((place[0] - width) / spacing)
     for number in range(first, first + ceil(2 * width / spacing)):
-        x = number * spacing - place
-        mark = _turned(motion, np.array([[x, 0.0], [x - 0.02 * width, -0.02 * width]]))
+        left, right, low, high, _ = next(tile for tile in tiles if number * spacing <= tile[1])
+        x = number * spacing
+        y = low + (high - low) * (x - left) / (right - left)
+        mark = _turned(motion, np.array([[x, y], [x - 0.02 * width, y - 0.02 * width]]) - place)
         axes.plot(*mark.T, color="black", linewidth=1)
     angle = f"{degrees(slope(motion)):.3g}°"
     if slopes and slope(motion):

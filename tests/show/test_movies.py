@@ -13,10 +13,11 @@ from PIL import Image, ImageSequence
 import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError, UnknownNameError
+from gaitopt.gait.measures import observe
 from gaitopt.show import movie
 from gaitopt.show.catalogue import figures_of
-from gaitopt.show.film import FITS, magnifier, skeleton
-from gaitopt.show.motion import motion_of
+from gaitopt.show.film import FITS, film, ground_tiles, magnifier, rise, skeleton
+from gaitopt.show.motion import motion_of, motion_of_walk
 from gaitopt.show.movie import SHOWN_STEP, playing
 
 WHEEL = "rimless-wheel-slip"
@@ -210,3 +211,17 @@ def test_figures_follow_the_style_sheet_of_the_reader():
     ours = gait.plot("force")
     assert ours.xaxis.label.get_size() == 10
     assert ours.get_facecolor()[:3] == (1, 1, 1)
+
+
+def test_the_ground_of_a_floor_is_under_the_feet_that_stand_on_it():
+    floor = go.Floor(friction=[0.2, 0.19, 0.3], height=[0, 0.003, 0.001], slope=[0, 0.02, 0])
+    motion = motion_of_walk(go.simulate(named("compass-passive-stick"), steps=3, floor=floor))
+    shown, tiles = film(motion), ground_tiles(motion)
+    assert [round(change, 9) for *_, change in tiles] == [0, -0.05, 0.5, 0.5]
+    for n, (step, (_, place, lift), tile) in enumerate(zip(motion.steps, shown["path"], tiles, strict=False)):
+        assert np.interp(place, tile[:2], tile[2:4]) == pytest.approx(lift, abs=1e-6)
+        assert rise(motion, n) + observe(step.arcs[-1]).swing_foot[-1, 1] == pytest.approx(
+            rise(motion, n + 1), abs=1e-9
+        )
+    assert shown["phases"][-1]["ground"] == [(0.3, 0.0)]
+    assert film(motion_of_walk(go.simulate(named("compass-passive-stick"), steps=1)))["tiles"] == []

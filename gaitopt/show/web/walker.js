@@ -7,6 +7,8 @@ const WIDTH_SHARE = 0.45; // largest distance of a point from the middle, relati
 const GROUND_AT = 0.84;
 const FORCE_PER_WEIGHT = 0.45; // length of the arrow of a force equal to the weight, in heights of the walker
 const CONE = 0.6;
+const TILE_DEPTH = 0.05; // of the tint of a tile, in heights of the walker
+const FAINTEST = 0.15; // opacity of the tint of a tile with nearly nominal friction
 const MARK_DEPTH = { slip_forward: 0.025, slip_backward: 0.06 }; // below the ground, in heights of the walker
 const LENS = { left: 12, top: 12, width: 158, height: 132, ground: 0.68, weight: 78 }; // the magnifier; its arrow of the weight is so long
 
@@ -17,7 +19,7 @@ class Walker {
     this.frames = this.film.columns;
     this.count = Object.keys(this.frames).filter((name) => /^y\d+$/.test(name)).length;
     this.duration = film.period * this.repeats;
-    this.height = Math.max(...Array.from({ length: this.count }, (_, k) => Math.max(...this.frames[`y${k}`])));
+    this.height = this.tallest();
     this.scale = Math.min((WALKER_SHARE * VIEW.height) / this.height, (WIDTH_SHARE * VIEW.width) / this.reach());
     this.height = (WALKER_SHARE * VIEW.height) / this.scale; // of a low, long walker the height that would fit
     this.build(host);
@@ -33,6 +35,11 @@ class Walker {
     picture.setAttribute("aria-label", `moving picture of ${this.film.name}`);
     const place = `translate(${VIEW.width / 2} ${GROUND_AT * VIEW.height}) rotate(${degrees})`;
     this.world = svg(svg(picture, "g", { transform: place }), "g");
+    for (const [left, right, low, high, change] of this.film.tiles.filter((tile) => tile[4])) {
+      const depth = TILE_DEPTH * this.height;
+      const d = `M${left} ${low}L${right} ${high}V${high - depth}L${left} ${low - depth}Z`;
+      svg(this.world, "path", { class: `tile ${change < 0 ? "icy" : "sticky"}`, d }).style.fillOpacity = Math.min(1, FAINTEST + Math.abs(change));
+    }
     this.ground = svg(this.world, "path", { class: "ground" });
     this.marks = this.slips().map((slip) => ({ ...slip, line: svg(this.world, "line", { class: `mark ${slip.mode}` }) }));
     this.cones = this.film.contacts.map(() => svg(this.world, "path", { class: "cone" }));
@@ -75,14 +82,16 @@ class Walker {
     this.rim.setAttribute("class", "rim");
     if (!phase.closeup) return;
     const [n, place] = phase.closeup;
-    const [mode, middle, { mark, friction }] = [phase.contacts[n], place + offset, this.film.contacts[n]];
+    const [mode, middle, { mark }] = [phase.contacts[n], place + offset, this.film.contacts[n]];
+    const [friction, tilt] = this.under(phase, n);
+    const base = this.film.tiles.length ? this.frames[`y${mark}`][phase.first] : 0;
     if (mode in MARK_DEPTH) this.rim.classList.add("glows", mode);
-    this.close.setAttribute("transform", `scale(${this.lensScale} ${-this.lensScale}) translate(${-middle} 0)`);
+    this.close.setAttribute("transform", `scale(${this.lensScale} ${-this.lensScale}) translate(${-middle} ${-base})`);
     this.marks.forEach(({ line, mode: kind, point }, k) => {
       const trace = this.traces[k];
       trace.style.display = point === mark ? line.style.display : "none";
       if (trace.style.display === "none") return;
-      const y = (kind === "slip_forward" ? -9 : -17) / this.lensScale;
+      const y = base + (kind === "slip_forward" ? -9 : -17) / this.lensScale;
       set(trace, { x1: line.getAttribute("x1"), x2: line.getAttribute("x2"), y1: y, y2: y });
     });
     this.join(this.closeLegs, this.film.legs, points, this.film.sides, step);
@@ -91,7 +100,7 @@ class Walker {
     for (let k = first; k < first + 17; k += 1) path += `M${(k * this.hatchGap - middle) * this.lensScale} 0l-7 7`;
     this.hatch.setAttribute("d", path);
     const x = (points[mark][0] - middle) * this.lensScale;
-    const y = -points[mark][1] * this.lensScale;
+    const y = (base - points[mark][1]) * this.lensScale;
     set(this.foot, { cx: x, cy: y, class: `foot ${mode}` });
     const carries = !phase.undetermined[n];
     for (const part of [this.lensCone, this.lensForce]) part.style.display = carries ? "" : "none";
@@ -100,7 +109,22 @@ class Walker {
     const tip = [x + unit * this.at(`f_t${n}`, frame), y - unit * this.at(`f_n${n}`, frame)];
     const tall = Math.min(1, 0.5 / friction) * 0.9 * LENS.weight;
     this.lensCone.setAttribute("d", `M${x + friction * tall} ${y - tall}L${x} ${y}L${x - friction * tall} ${y - tall}`);
+    this.lensCone.setAttribute("transform", `rotate(${(tilt * 180) / Math.PI} ${x} ${y})`);
     this.lensForce.setAttribute("d", arrow([x, y], tip, 9));
+  }
+
+  // Friction and slope of the ground under a contact.
+  under(phase, n) {
+    return phase.ground?.[n] ?? [this.film.contacts[n].friction, 0];
+  }
+
+  // Largest height of a point over the ground under the feet.
+  tallest() {
+    let tallest = 0;
+    for (const { first, last, step } of this.film.phases)
+      for (let row = first; row <= last; row += 1)
+        for (let k = 0; k < this.count; k += 1) tallest = Math.max(tallest, this.frames[`y${k}`][row] - (this.film.path[step][2] ?? 0));
+    return tallest;
   }
 
   // Largest distance of a point from the middle of the picture, which follows the walker.
@@ -108,7 +132,7 @@ class Walker {
     let reach = 0;
     for (const { start, end, first, last } of this.film.phases)
       for (let row = first; row <= last; row += 1) {
-        const camera = this.along(start + ((end - start) * (row - first)) / Math.max(last - first, 1));
+        const [camera] = this.along(start + ((end - start) * (row - first)) / Math.max(last - first, 1));
         for (let k = 0; k < this.count; k += 1) reach = Math.max(reach, Math.abs(this.frames[`x${k}`][row] - camera));
       }
     return reach;
@@ -143,8 +167,9 @@ class Walker {
     const step = cycle * this.film.steps + phase.step;
     const offset = cycle * this.film.step_length;
     const points = Array.from({ length: this.count }, (_, k) => [this.at(`x${k}`, frame) + offset, this.at(`y${k}`, frame)]);
-    const camera = offset + this.along(t);
-    this.world.setAttribute("transform", `scale(${this.scale} ${-this.scale}) translate(${-camera} 0)`);
+    const [along, lift] = this.along(t);
+    const camera = offset + along;
+    this.world.setAttribute("transform", `scale(${this.scale} ${-this.scale}) translate(${-camera} ${-lift})`);
     this.drawGround(camera);
     this.drawMarks(cycle, t, frame);
     this.join(this.legs, this.film.legs, points, this.film.sides, step);
@@ -153,7 +178,7 @@ class Walker {
     this.film.contacts.forEach(({ point }, n) => {
       const carries = phase.contacts[n] && !phase.undetermined[n];
       for (const part of [this.cones[n], this.forces[n]]) part.style.display = carries ? "" : "none";
-      if (carries) this.drawForce(n, points[point], frame);
+      if (carries) this.drawForce(n, points[point], frame, this.under(phase, n));
     });
     if (this.lens) this.drawMagnifier(phase, points, offset, frame, step);
     const slipped = 1000 * (this.at("x0", frame) - phase.origin);
@@ -161,12 +186,13 @@ class Walker {
     this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${phase.words}${known ? `, slid by ${slipped.toFixed(1)} mm` : ""}`;
   }
 
-  // Position of the picture at a time of the cycle, interpolated between the starts of the steps.
+  // Place and height of the picture at a time of the cycle, interpolated between the starts of the steps.
   along(t) {
     const { path } = this.film;
     const k = Math.max(1, path.findIndex(([time]) => time >= t));
-    const [[t0, x0], [t1, x1]] = [path[k - 1], path[k]];
-    return x0 + ((x1 - x0) * (t - t0)) / (t1 - t0);
+    const [[t0, x0, y0 = 0], [t1, x1, y1 = 0]] = [path[k - 1], path[k]];
+    const part = (t - t0) / (t1 - t0);
+    return [x0 + (x1 - x0) * part, y0 + (y1 - y0) * part];
   }
 
   // The two legs change their roles at every impact, so their colours follow the leg and not the role.
@@ -182,9 +208,15 @@ class Walker {
   drawGround(camera) {
     const reach = VIEW.width / this.scale;
     const gap = this.height / 10;
-    let path = `M${camera - reach} 0H${camera + reach}`;
+    const { tiles } = this.film;
+    const level = (x) => {
+      const [left, right, low, high] = tiles.find((tile) => x <= tile[1]) ?? tiles.at(-1) ?? [0, 1, 0, 0];
+      return low + ((high - low) * (x - left)) / (right - left);
+    };
+    const corners = tiles.map(([left, right, low, high]) => `${left} ${low}L${right} ${high}`);
+    let path = tiles.length ? `M${corners.join("L")}` : `M${camera - reach} 0H${camera + reach}`;
     for (let k = Math.floor((camera - reach) / gap); k * gap < camera + reach; k += 1)
-      path += `M${k * gap} 0l${-gap / 2} ${-gap / 2}`;
+      path += `M${k * gap} ${level(k * gap)}l${-gap / 2} ${-gap / 2}`;
     this.ground.setAttribute("d", path);
   }
 
@@ -195,16 +227,16 @@ class Walker {
       if (!begun) continue;
       const offset = own * this.film.step_length;
       const end = own < cycle ? last : Math.min(frame, last);
-      const y = -MARK_DEPTH[mode] * this.height;
+      const y = (this.film.tiles.length ? this.frames[`y${point}`][first] : 0) - MARK_DEPTH[mode] * this.height;
       set(line, { x1: this.frames[`x${point}`][first] + offset, x2: this.at(`x${point}`, end) + offset, y1: y, y2: y });
     }
   }
 
-  drawForce(n, [x, y], frame) {
-    const mu = this.film.contacts[n].friction;
+  drawForce(n, [x, y], frame, [mu, tilt]) {
     const top = CONE * this.height;
     const cone = Math.min(1, 0.5 / mu) * top; // a wide cone is cut off so that it stays in the picture
-    this.cones[n].setAttribute("d", `M${x + mu * cone} ${cone}L${x} ${y}L${x - mu * cone} ${cone}`);
+    this.cones[n].setAttribute("d", `M${x + mu * cone} ${y + cone}L${x} ${y}L${x - mu * cone} ${y + cone}`);
+    this.cones[n].setAttribute("transform", `rotate(${(-tilt * 180) / Math.PI} ${x} ${y})`);
     const unit = (FORCE_PER_WEIGHT * this.height) / this.film.weight;
     const tip = [x + unit * this.at(`f_t${n}`, frame), y + unit * this.at(`f_n${n}`, frame)];
     this.forces[n].setAttribute("d", arrow([x, y], tip, 0.05 * this.height));
