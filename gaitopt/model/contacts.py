@@ -769,7 +769,8 @@ def constraint_structure(walker: type[Walker], mode: Mode) -> Structure:
         If the contacts cannot be on the ground together.
     """
     active, eom, constraints = active_coordinates(walker, mode), equations_of_motion(walker), _constraints(mode)
-    if _is_independent(eom, constraints, active):
+    is_point = len(mode.touching) == 1 and not mode.locked  # which can move in every direction
+    if is_point or _is_independent(eom, constraints, active):
         n = len(constraints)
         return Structure(
             constraints=constraints,
@@ -800,7 +801,7 @@ def constraint_structure(walker: type[Walker], mode: Mode) -> Structure:
 def _is_independent(eom: EquationsOfMotion, constraints: Sequence[Constraint], active: Sequence[int]) -> bool:
     """Whether constraints are independent in every posture, because their entries that are constant already are.
 
-    This is true for one contact, and for stops with constant derivatives. Velocities are taken relative to the contact.
+    This is true for stops with constant derivatives. Velocities are taken relative to the first contact.
     """
     base = next((name for name, kind in constraints if kind == NORMAL), None)
     n = len(eom.walker.shape)

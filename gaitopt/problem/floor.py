@@ -87,7 +87,7 @@ class Floor:
 
     def __len__(self) -> int:
         """The number of tiles before the last one repeats."""
-        return max(len(getattr(self, name)) for name in QUANTITIES)
+        return max(map(len, self._values))
 
     def tile(self, n: int) -> Tile:
         """Tile ``n``, counted from 0."""
@@ -202,8 +202,8 @@ class Floor:
             raise ProblemError(f"{place}: {error}") from None
 
     @property
-    def _values(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
-        return self.friction, self.height, self.slope  # type: ignore[return-value]
+    def _values(self) -> tuple[tuple[Any, ...], ...]:
+        return tuple(getattr(self, name) for name in QUANTITIES)
 
 
 @dataclass(frozen=True, slots=True)

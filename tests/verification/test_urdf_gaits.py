@@ -6,21 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from abilities import FROM_URDF
 from named import named
 
 import gaitopt as go
 from gaitopt.problem.statement import Range, problem_data
 
 RABBIT = Path(__file__).resolve().parents[2] / "docs" / "examples" / "rabbit.urdf"
-COMPASS = """
-name: compass-from-file
-walker: {urdf: compass.urdf, feet: [stance_leg_foot, swing_leg_foot], gravity: 9.8, slope: 1 deg}
-friction: 0.14
-gait:
-  phases: [slip_forward, stick, slip_backward]
-  impact: stick
-  guess: {state: {stance_leg: -0.149, dstance_leg: 0.733, dswing_leg: 0.501}}
-"""
 OPTIMAL = """
 name: compass-optimal
 walker: {urdf: compass.urdf, feet: [stance_leg_foot, swing_leg_foot], gravity: 9.8, slope: 1 deg}
@@ -52,7 +44,7 @@ def hip_angles(gait):
 
 
 def test_a_compass_that_was_written_and_read_back_has_the_same_gait(tmp_path):
-    gait, same = go.solve(compass(tmp_path, COMPASS), progress=False), named("compass-passive-a")
+    gait, same = go.solve(compass(tmp_path, FROM_URDF), progress=False), named("compass-passive-a")
     signs = [1, -1, 1, 1, -1, 1]  # theta2 counts backward
     np.testing.assert_allclose(gait.state, same.state * signs, atol=1e-10)
     np.testing.assert_allclose(np.sort_complex(gait.multipliers), np.sort_complex(same.multipliers), atol=1e-10)
@@ -65,7 +57,7 @@ def test_a_compass_that_was_written_and_read_back_has_the_same_gait(tmp_path):
 
 @pytest.mark.slow
 def test_gaits_of_a_robot_that_names_no_section_are_found(tmp_path):
-    gaits = go.find(compass(tmp_path, COMPASS), starts=1, progress=False)
+    gaits = go.find(compass(tmp_path, FROM_URDF), starts=1, progress=False)
     assert named("compass-passive-a").spectral_radius == pytest.approx(min(g.spectral_radius for g in gaits), abs=1e-9)
 
 
@@ -108,7 +100,7 @@ def test_joints_of_an_optimum_keep_to_the_range_of_the_file(tmp_path):
 
 
 def test_a_gait_that_leaves_the_range_of_a_joint_says_so(tmp_path):
-    gait = go.solve(compass(tmp_path, COMPASS, '<limit effort="0" lower="-0.2" upper="1"/>'), progress=False)
+    gait = go.solve(compass(tmp_path, FROM_URDF, '<limit effort="0" lower="-0.2" upper="1"/>'), progress=False)
     assert gait.converged
     low, high = hip_angles(gait).min(), hip_angles(gait).max()
     told = re.fullmatch(r"solved; hip turns from (\S+) to (\S+) rad, beyond its range from -0.2 to 1", gait.message)
