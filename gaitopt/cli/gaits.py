@@ -369,9 +369,9 @@ def find(
 ) -> int:
     """Find all gaits of a walker, with any mode sequence.
 
-    Candidates come from simulations of many start states, from a nonlinear program without a mode sequence, and from
-    families. Each gait is solved, verified and listed once, stable ones first. Gaits are named on standard error as
-    soon as they are found. Repeat the command to resume.
+    Candidates come from simulations of many start states and from the families of gaits. Each gait is solved, verified
+    and listed once, stable ones first. Gaits are named on standard error as soon as they are found. Repeat the command
+    to resume.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_gaits
