@@ -39,7 +39,7 @@ project = "gaitopt"
 author = "The gaitopt developers"
 release = __version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["examples", "paper", "developer"]
+exclude_patterns = ["examples", "paper"]
 nb_execution_mode = "off"  # the notebook is stored with its outputs; a test runs it
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
@@ -230,8 +230,8 @@ MOVED = {
     "api-results": "api.html#results",
     "problem-keys-walker": "problem-keys.html#walkers",
     "problem-keys-control": "problem-keys.html#control-laws",
-    "performance": "api.html#engines",
-    "reliability": "runs.html",
+    "performance": "developer/performance.html",
+    "reliability": "developer/reliability.html",
 }
 """Where the contents of former pages are."""
 REDIRECT = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Moved</title>

@@ -267,7 +267,7 @@ def test_a_file_has_the_stated_format(name):
 
 
 def test_the_page_names_every_field():
-    page = (ROOT / "docs" / "reference-orbits.md").read_text()
+    page = (ROOT / "docs" / "developer" / "orbit-format.md").read_text()
 
     def fields(schema: Any) -> set[str]:
         parts = schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ()
