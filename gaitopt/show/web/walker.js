@@ -115,7 +115,7 @@ class Walker {
 
   // Friction and slope of the ground under a contact.
   under(phase, n) {
-    return phase.ground?.[n] ?? [this.film.contacts[n].friction, 0];
+    return this.film.tiles.length ? phase.ground[n] : [this.film.contacts[n].friction, 0];
   }
 
   // Largest height of a point over the ground under the feet.
