@@ -170,6 +170,7 @@ def test_records_tell_which_phases_end_at_a_breakpoint_and_are_read_back():
         TypeAdapter(CheckedPoint).validate_python(record)
 
 
+@pytest.mark.slow
 def test_an_interrupted_family_goes_on_with_its_timed_phases():
     gait, request = jumping.gait(0.1655, *SLIPPING), Request(parameter="friction", to=(0.1675,), verify_every=0)
     whole = [record.to_record() for record in follow_family(gait, request)]

@@ -229,6 +229,7 @@ def test_cascade_of_the_sticking_compass_up_to_sixteen_steps() -> None:
         assert any(r["verification"] for r in own)
 
 
+@pytest.mark.slow
 def test_limping_begins_where_the_second_multiplier_of_gait_b_passes_minus_one() -> None:
     gait = go.solve(go.load_problem("compass-passive-b").replace({"friction": 0.1445}))
     branch = continuation(gait, "friction", 0.13, max_points=3, verify_every=0)

@@ -111,6 +111,7 @@ def legs(other: float, **changes: Any) -> go.Gait:
     return go.solve(go.load_problem("compass-unequal").replace(TORQUES | guess | changes))
 
 
+@pytest.mark.slow
 def test_equal_legs_are_designed_over_two_steps_as_over_one() -> None:
     phases = {"phases": ["stick"], "impact": "stick", "guess": {"state": START}}
     one = go.solve(go.load_problem("compass-passive-stick").replace(TORQUES | {"gait": phases}))

@@ -164,6 +164,7 @@ def test_control_points_are_parameters() -> None:
     assert problem_dynamics(problem).system is problem_dynamics(other).system
 
 
+@pytest.mark.slow
 def test_a_free_set_point_gives_the_step_length_of_the_fixed_one() -> None:
     upright = go.load_problem("torso-upright")
     expected = go.solve(upright.replace({"control.reference.constant.theta2": "12 deg"}))

@@ -114,6 +114,7 @@ def test_point_feet_are_those_of_the_compass():
         assert points.measures[name] == pytest.approx(compass.measures[name], abs=1e-10)
 
 
+@pytest.mark.slow
 def test_radius_is_a_family_that_ends_in_the_point_foot():
     branch = go.continuation(named("round-feet-passive"), "walker.foot_radius", 0.0)
     end = min((point.gait for point in branch.points), key=lambda gait: gait.p[1])

@@ -145,6 +145,7 @@ def test_the_knee_needs_the_friction_at_which_its_strike_begins_to_slip():
         assert after.contact == contact
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "friction", [pytest.param(0.27, marks=pytest.mark.slow), pytest.param(0.255, marks=pytest.mark.slow), 0.24]
 )

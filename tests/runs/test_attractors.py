@@ -58,6 +58,7 @@ def test_the_exponent_of_a_walker_with_several_contacts_is_the_logarithm_of_its_
     assert run.lyapunov == pytest.approx(np.log(gait.spectral_radius), abs=1e-8)
 
 
+@pytest.mark.slow
 def test_walks_of_a_crawler_settle_on_its_gait_from_starts_around_it():
     found = go.attractors(
         "crawler", {"friction.rear": (0.59, 0.6, 2)}, **(FEW | {"starts": 3, "transient": 20, "keep": 4})

@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from named import named
+from samples import sampled
 
 from gaitopt.gait import curves
 from gaitopt.solver.assembly import assemble_steps, solution_of
@@ -14,7 +15,7 @@ GAITS = ("compass-passive-a", "compass-pd-impact-slip", "compass-passive-two-ste
 
 
 @pytest.mark.parametrize("free", [(), ("friction",)])
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", sampled(GAITS, 3))
 def test_unknowns_of_a_gait_solve_its_equations_on_its_own_mesh(name, free):
     gait = named(name)
     solution = solution_of(gait, free)
@@ -23,7 +24,7 @@ def test_unknowns_of_a_gait_solve_its_equations_on_its_own_mesh(name, free):
     assert solution.equations.unpack(solution.w).freed.tolist() == [gait.dynamics.parameter(key) for key in free]
 
 
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", sampled(GAITS, 3))
 def test_every_row_of_the_equalities_names_what_it_compares(name):
     solution = solution_of(named(name))
     equations, residual, labels = solution.equations, solution.residual, solution.equations.equality_labels
@@ -44,7 +45,7 @@ def test_unknowns_of_a_gait_without_nodes_are_refused():
         solution_of(replace(named("compass-passive-a"), shooting=None))
 
 
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", sampled(GAITS, 3))
 def test_arcs_of_a_step_follow_each_other_without_a_gap(name):
     for step in named(name).steps:
         assert step.arcs[0].start == 0
@@ -54,7 +55,7 @@ def test_arcs_of_a_step_follow_each_other_without_a_gap(name):
                 np.testing.assert_allclose(after.states[0], arc.states[-1], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", sampled(GAITS, 3))
 def test_every_arc_obeys_the_flow_of_its_mode_along_its_whole_length(name):
     gait = named(name)
     for arc in gait.arcs:
@@ -67,14 +68,14 @@ def test_every_arc_obeys_the_flow_of_its_mode_along_its_whole_length(name):
         np.testing.assert_allclose(slopes, rates, rtol=1e-7, atol=1e-7)
 
 
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", sampled(GAITS, 3))
 def test_impact_of_every_step_leads_to_the_next(name):
     steps = named(name).steps
     for step, after in zip(steps, (*steps[1:], steps[0]), strict=True):
         np.testing.assert_allclose(step.final_impact.state, after.arcs[0].states[0], rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("name", sampled(GAITS, 3))
 def test_a_foot_at_rest_has_no_slip_velocity_at_all(name):
     gait = named(name)
     for step, first in zip(gait.steps, gait.problem.cycle.first_phases, strict=True):

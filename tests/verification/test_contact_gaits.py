@@ -195,6 +195,7 @@ def test_a_gait_is_the_same_in_other_units(factors: tuple[float, float, float]) 
     assert other.multipliers == pytest.approx(gait.multipliers, abs=1e-11)
 
 
+@pytest.mark.slow
 def test_renumbered_contacts_and_one_that_never_touches_change_nothing() -> None:
     class Renumbered(HeelToe):
         model = "renumbered"

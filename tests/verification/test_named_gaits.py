@@ -186,7 +186,15 @@ def test_gait_b_takes_half_the_angle_of_gait_a() -> None:
 
 @pytest.mark.parametrize(
     ("beyond_end", "radius", "cost", "digits"),
-    [("flow", 0.904, 0.00565, 5), ("linear", 0.636, 0.0060, 4), ("hold", 0.414, 0.0027, 4), ("off", 0.553, 0.0051, 4)],
+    sampled(
+        [
+            ("flow", 0.904, 0.00565, 5),
+            ("linear", 0.636, 0.0060, 4),
+            ("hold", 0.414, 0.0027, 4),
+            ("off", 0.553, 0.0051, 4),
+        ],
+        3,
+    ),
 )
 def test_what_the_reference_does_beyond_its_end_decides_the_multiplier(
     beyond_end: str, radius: float, cost: float, digits: int

@@ -84,6 +84,7 @@ def test_wide_limits_change_nothing(gait: go.Gait) -> None:
     np.testing.assert_allclose(limited.state, gait.state, rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_workers_sweep_a_parameter(gait: go.Gait, tmp_path: Path) -> None:
     swept = go.sweep(
         damped(), {"control.damping": (0.01, 0.012, 2)}, workers=2, output=tmp_path / "sweep", progress=False

@@ -370,6 +370,7 @@ def test_a_landing_at_the_start_of_the_cycle_or_in_an_unknown_word_is_refused_wi
             parse_problem(json.dumps(data), walkers=[MidCompass])
 
 
+@pytest.mark.slow
 def test_walks_settle_on_the_stable_gait_from_mid_stride_to_mid_stride() -> None:
     gait = go.solve(mid_stride(), progress=False)
     found = go.attractors(

@@ -72,6 +72,7 @@ def largest_product(problem: Problem, *, first: bool) -> float:
     return float((at.equations.fastest_modes(at.w, at.p) * lengths).max())
 
 
+@pytest.mark.slow
 def test_first_mesh_of_a_stiff_law_takes_stable_steps():
     problem = simulated("compass-pd-impact-slip", 1000.0)
     assert largest_product(problem, first=True) < LARGEST_PRODUCT

@@ -57,6 +57,7 @@ def test_families_do_not_depend_on_units(units: tuple[float, float, float]) -> N
     assert theirs.values == pytest.approx(ours.values, rel=0, abs=AGREEMENT)
 
 
+@pytest.mark.slow
 def test_a_family_in_a_parameter_with_a_unit_does_not_depend_on_it() -> None:
     units = (1e3, 1e-3, 1e3)
     torque = factor("hip", units)

@@ -106,6 +106,7 @@ def test_table_of_a_sweep_is_the_same_though_workers_are_killed(tmp_path):
     assert sorted(keys) == sorted({job.key for job in killed.jobs})
 
 
+@pytest.mark.slow
 def test_interrupted_workers_end_soon_in_silence_and_what_is_finished_is_kept(tmp_path):
     """Ctrl-C of a terminal goes to all processes of the command."""
     command = ["sweep", "rimless-wheel-slip", "--over", "friction=0.3:0.5:500", "--workers", "2", "-o", str(tmp_path)]
