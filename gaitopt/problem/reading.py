@@ -368,7 +368,7 @@ class _StatementReader:
         self._check_swapped_friction(len(steps))
         phases = [mode for step in steps for mode in step.phases]
         if {*FirstGuessSection.model_fields} & {*gait.guess}:
-            return cycle, self._read_first_guess(gait.guess, phases, steps[-1].impact)
+            return cycle, self._read_first_guess(gait.guess, steps)
         guess = self._section(GuessSection, gait.guess, path)
         if guess is None:
             return cycle, None
@@ -430,19 +430,20 @@ class _StatementReader:
             return None
         return Until(time=section.time, steps=section.steps, events=section.events)
 
-    def _read_first_guess(self, data: Mapping[str, Any], phases: Sequence[Mode], impact: Mode) -> Guess | None:
+    def _read_first_guess(self, data: Mapping[str, Any], steps: Sequence[StepSection]) -> Guess | None:
         """A guess that follows from postures, between which the shape changes linearly, or from the step length."""
         path, model, walker = ("gait", "guess"), self._model, self._walker
         section = self._section(FirstGuessSection, data, path)
-        if section is None or model is None or walker is None or not phases:
+        if section is None or model is None or walker is None or not all(step.phases for step in steps):
             return None
+        impact = steps[-1].impact
         if (section.step_length is None) == (section.postures is None):
             both = "exclude each other: keep one" if section.postures else "is missing; or give postures, or a state"
             self._fault((*path, "step_length"), "and postures " + both if section.postures else both)
             return None
-        if {"several contacts", "flight", "massless feet"} & {*model.features()} or "steps" in self._data["gait"]:
-            limit = "is for one step of walkers that always stand on a foot and have no massless feet"
-            self._fault(path, f"{limit}: give a state")
+        if {"several contacts", "flight", "massless feet"} & {*model.features()}:
+            limit = "between two postures the feet of this walker need not stay on the ground"
+            self._fault(path, f"{limit}: give a state; or write phases: auto, and leave the guess out")
             return None
         p = np.array([float(getattr(walker, name)) for name in model.model_fields])
         try:
@@ -469,7 +470,7 @@ class _StatementReader:
         state = self._read_state({name: values[name] for name in names}, impact)
         stated = tuple(dict(posture) for posture in section.postures or ())
         known = FirstGuess(step_length=section.step_length, duration=section.duration, postures=stated)
-        durations = (section.duration / len(phases),) * len(phases)
+        durations = tuple(section.duration / len(step.phases) for step in steps for _ in step.phases)
         return None if state is None else Guess(state=state, durations=durations, first=known)
 
     def _posture(self, model: type[Walker], posture: Mapping[str, float], number: int) -> Array:
@@ -672,8 +673,6 @@ class _StatementReader:
             self._fault(path, "with phases: auto the guess is a state; state the phases, or leave the guess out")
             return sequence, None
         guess = None if gait.guess is None else self._section(GuessSection, gait.guess, path)
-        if not has_section and gait.guess is None:
-            self._fault(path, "is missing: the search starts around it, since the section differs with the contacts")
         if guess is None or self._model is None:
             return sequence, None
         if not has_section:

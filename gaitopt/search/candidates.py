@@ -37,9 +37,10 @@ from gaitopt.systems import solve_sequence
 from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.step_map import StepMap, step_map
 
-STARTS_AROUND_GUESS, CYCLES_AROUND_GUESS = 12, 6
-"""Number of start states of a simulation job around a guess, and of cycles of each walk; a cycle takes a tenth of a
-second. Walks come close to a stable gait after a few cycles, and to an unstable one in the first cycle."""
+STARTS_AROUND_GUESS, STARTS_WITHOUT_GUESS, CYCLES_AROUND_GUESS = 12, 60, 6
+"""Number of start states of a simulation job around a guess, and without one, because many of these walkers fall; and
+of cycles of each walk, each of which takes a tenth of a second. Walks come close to a stable gait after a few cycles,
+and to an unstable one in the first cycle."""
 SHORTEST_STEP_PERIOD = 0.05
 """Shortest period of a step in natural units. Two feet that rest side by side solve the equations with period 0."""
 WALK_STEPS = 8
@@ -140,6 +141,8 @@ def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[C
             [*near, *starts][:MOST_NEWTON_STARTS]
             if step.is_stated
             else [*_last_of_sequences(history, ends, n_returns), *starts]
+            if job.problem.start is not None
+            else [*near, *_last_of_sequences(history, ends, n_returns)][:MOST_NEWTON_STARTS]
         )
         for k, row in tries:
             if should_stop():
@@ -192,7 +195,8 @@ def _starts(job: SearchJob) -> tuple[StepMap, Array, Array, int]:
             states[0] = [problem.start.state[name] for name in box.names]
         return step, states, box.sizes, WALK_STEPS + job.n_steps - 1
     step = step_map(problem, None, choose_engine(Engine.AUTO, steps=STARTS_AROUND_GUESS * CYCLES_AROUND_GUESS))
-    states = around_guess(problem, step.dynamics, STARTS_AROUND_GUESS, rng, exact=job.number == 0, within=job.within)
+    count = STARTS_WITHOUT_GUESS if problem.start is None else STARTS_AROUND_GUESS
+    states = around_guess(problem, step.dynamics, count, rng, exact=job.number == 0, within=job.within)
     return step, states, step.dynamics.state_units, CYCLES_AROUND_GUESS * job.n_steps
 
 

@@ -1,7 +1,8 @@
 """Start states of the walks of a search: in a box of section coordinates, or around the state of a guess.
 
 A walker whose class states its section has a box of start states. For other walkers the section depends on the states
-of the contacts, so that starts are sampled around the state of the guess, or in given ranges of its section.
+of the contacts, so that starts are sampled around the state of the guess, or in given ranges of its section. Without a
+guess they are sampled around the typical posture, with the lowest contact at rest on the ground.
 """
 
 from collections.abc import Mapping
@@ -36,6 +37,8 @@ NEAR_COORDINATE, NEAR_RATE = 0.1, 0.3
 """Half widths of the range of starts around a guess, in natural units of coordinates and rates."""
 TOUCHING = 1e-3
 """A contact of the guess touches the ground if its height and velocity are below this, in natural units."""
+FALL = 0.02
+"""Height above the ground from which a massless foot falls in a start without a guess, in natural units."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,13 +139,15 @@ def around_guess(
 ) -> Array:
     """Start states around that of the guess, shape (count, n_z); NaN if there is no such state.
 
-    The first one is the state of the guess itself if ``exact``.
+    The first one is the state of the guess itself if ``exact``. Without a guess they surround the typical posture.
 
     Parameters
     ----------
     within : ranges of section coordinates, see ``section_near``, in place of those around the guess.
     """
     guess, names = guess_of(problem, dynamics), dynamics.system.state_names
+    if problem.start is None and not within:
+        return _around_posture(dynamics, guess, count, rng)
     spread = dynamics.state_units * np.repeat([NEAR_COORDINATE, NEAR_RATE], guess.size // 2)
     states = np.empty((count, guess.size))
     for k in range(count):
@@ -156,8 +161,55 @@ def around_guess(
 
 
 def guess_of(problem: Problem, dynamics: Dynamics) -> Array:
-    """The state of the guess of a problem, shape (n_z,)."""
-    return np.array([problem.guess.state[name] for name in dynamics.system.state_names])
+    """The state of the guess of a problem, shape (n_z,); without a guess, rest in the typical posture of the walker."""
+    names, posture = dynamics.system.state_names, problem.walker.posture
+    if problem.start is None:
+        return _on_lowest_contact(dynamics, np.array([posture.get(name, 0.0) for name in names]))
+    return np.array([problem.start.state[name] for name in names])
+
+
+def _around_posture(dynamics: Dynamics, rest: Array, count: int, rng: np.random.Generator) -> Array:
+    """Start states around rest in a posture, with all shapes and rates changed; shape (count, n_z)."""
+    n, n_shape = rest.size // 2, len(dynamics.system.walker.shape)
+    rate = RATE_OF_FLIGHT if dynamics.system.walker.weightless() else RATE
+    spread = dynamics.state_units * np.repeat([ANGLE, 0.0, rate], [n_shape, n - n_shape, n])
+    sizes = rng.uniform(SMALLEST_SCALE, 1.0, (count, 1))
+    return np.array(
+        [_on_lowest_contact(dynamics, z) for z in rest + sizes * spread * rng.uniform(-1, 1, (count, 2 * n))]
+    )
+
+
+def _on_lowest_contact(dynamics: Dynamics, state: Array) -> Array:
+    """A state that is moved and slowed as a whole until its lowest contact rests on the ground.
+
+    A massless foot has no state of rest: it is put a little above the ground, and its walker keeps its velocity.
+    """
+    system, names, z = dynamics.system, dynamics.system.state_names, state.copy()
+    walker, contacts = system.walker, system.walker.contact_names()
+    heights, velocities, counts = (np.array(value).ravel() for value in system.contact_points(z, dynamics.p))
+    flight = walker.released(walker.contact_mode(dict.fromkeys(contacts, OFF)))
+    margins = dict(
+        zip(system.transitions.margin_names(flight), dynamics.margins(flight, 0, np.zeros(1), z[None])[0], strict=True)
+    )
+    for k, name in enumerate(contacts):
+        if name in walker.placed_contacts():  # it is placed where it lands
+            heights[k] = margins.get(system.transitions.name("gap", name), np.inf)
+    lowest = int(np.argmin(np.where(counts > 0, heights, np.inf)))
+    light = contacts[lowest] in walker.weightless()
+    if "y" in names:
+        z[names.index("y")] += light * FALL * dynamics.scales.length - heights[lowest]
+    for name, velocity in zip(("dx", "dy"), velocities.reshape(-1, 2)[lowest], strict=True):
+        if name in names and not light:
+            z[names.index(name)] -= velocity
+    if light and "energy" in walker.model_fields:  # nothing changes the energy of a walk
+        rates = slice(len(names) // 2, None)
+        moving, resting = (
+            float(system.observation(flight)(0.0, state, dynamics.p, system.data(0))[4])
+            for state in (z, np.where(np.arange(z.size) < z.size // 2, z, 0.0))
+        )
+        kinetic = dynamics.parameter("walker.energy") - resting
+        z[rates] *= np.sqrt(kinetic / (moving - resting)) if kinetic > 0 and moving > resting else 1.0
+    return z
 
 
 def on_ground(dynamics: Dynamics, state: Array, change: Array) -> Array:

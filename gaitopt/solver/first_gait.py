@@ -22,12 +22,13 @@ from gaitopt.solver.rollout import transit_time
 
 
 def straight_motion(problem: Problem, dynamics: Dynamics) -> tuple[Motion, Array]:
-    """The straight motion between the postures of a guess, and the durations of its phases."""
+    """The straight motion between the postures of a guess, the same in each step, and the durations of its phases."""
     guess, system, cycle = problem.guess, dynamics.system, problem.cycle
     state = np.array([guess.state[name] for name in system.state_names])
-    n, m, first = len(system.walker.shape), len(cycle.phases), guess.first
-    period = sum(guess.durations) if guess.durations else transit_time(dynamics, cycle, state)
-    durations = np.array(guess.durations if guess.durations else [period / m] * m, dtype=float)
+    n, first, steps = len(system.walker.shape), guess.first, cycle.steps
+    period = sum(guess.durations) / len(steps) if guess.durations else transit_time(dynamics, cycle, state)
+    equal = [period / len(step.phases) for step in steps for _ in step.phases]
+    durations = np.array(guess.durations or equal, dtype=float)
     if first is not None and first.postures:
         shapes = np.array([[posture[name] for name in system.walker.shape] for posture in first.postures])
     else:

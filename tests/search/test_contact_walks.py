@@ -1,9 +1,12 @@
 """Searches for gaits of walkers with several contacts, whose modes are open."""
 
+import json
+
 import pytest
 from contact_problems import contact_gait, contact_problem
 
 import gaitopt as go
+from gaitopt.problem.statement import problem_data
 from gaitopt.search.find import SearchPlan, search
 from gaitopt.search.solve import solve
 from gaitopt.verification.verify import verify
@@ -55,6 +58,18 @@ def test_walks_from_around_the_guess_find_its_gait(name: str) -> None:
     (found,) = search(SearchPlan(problem=problem, starts=250), ResumableJobs(workers=Workers(count=1)))
     assert found.cycle.untimed == contact_gait(name).cycle.untimed
     assert found.state == pytest.approx(contact_gait(name).state, abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["heel-toe", "crawler", "inchworm"])
+def test_gaits_are_found_without_a_guess(name: str) -> None:
+    """Walks start in random postures, with the lowest contact at rest on the ground."""
+    gait = contact_gait(name)
+    data = problem_data(gait.problem)
+    section = {"section": data["gait"]["section"]} if "section" in data["gait"] else {}
+    problem = go.parse_problem(json.dumps(data | {"gait": {"phases": "auto", **section}}))
+    found = search(SearchPlan(problem=problem, starts=1), ResumableJobs(workers=Workers(count=1)))
+    assert gait.period in [pytest.approx(each.period, rel=1e-9) for each in found]
 
 
 @pytest.mark.slow

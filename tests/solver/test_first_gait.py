@@ -18,7 +18,15 @@ def from_nothing(name, guess=FIRST):
     return go.parse_problem("".join([*lines[:at], guess, *lines[end:]]))
 
 
-@pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-stick", "round-feet-passive"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "compass-passive-a",
+        "compass-passive-stick",
+        "round-feet-passive",
+        pytest.param("compass-unequal", marks=pytest.mark.slow),
+    ],
+)
 def test_passive_gaits_are_found_without_a_known_motion(name):
     gait = go.solve(from_nothing(name), progress=False)
     assert gait.converged, gait.message
