@@ -1,6 +1,6 @@
 """Proofs: a gait, its mode sequence and its multipliers in rigorous bounds, by ball arithmetic (python-flint).
 
-docs/proof.md states the theorem and names the function that checks each of its lines.
+docs/developer/theorem.md states the theorem and names the function that checks each of its lines.
 
 - ``arithmetic``: balls, numbers that depend on a parameter, CasADi's expressions in both
 - ``taylor``: validated steps of an ordinary differential equation

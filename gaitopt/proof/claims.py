@@ -1,7 +1,8 @@
 """The claims that make a periodic orbit a gait with a given mode sequence, and bounds of the gait's measures.
 
-The claims are numbers 2 to 7 of docs/proof.md; they hold for all orbits in the proved box. Margins have to be positive
-on whole arcs. Their enclosed Taylor series are divided in time until each part has one kind, written as a letter:
+The claims are numbers 2 to 7 of docs/developer/theorem.md; they hold for all orbits in the proved box. Margins have to
+be positive on whole arcs. Their enclosed Taylor series are divided in time until each part has one kind, written as a
+letter:
 
     p  positive      n  negative      u  rising      d  falling      ?  none of these is shown
 
