@@ -13,7 +13,7 @@ multipliers and costs rely on these equations, so that it is an error if a walke
 """
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -21,7 +21,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, solve, substitute, sum1, vec, vertcat
+from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, solve, substitute, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
@@ -246,48 +246,52 @@ def _fault(walker: type[Walker], parameters: tuple[float, ...]) -> str | None:
 
 def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
     """Message about the first contradiction of a walker with several contacts; None if there is none."""
-    eom, n = equations_of_motion(walker), len(walker.shape)
-    contacts, names = eom.mechanism.contacts, (*walker.shape, "x", "y")
-    partner, p_plus = walker.partners(), walker.step_parameters(p)[-1]
-    springs = vertcat(eom.mechanism.potential, *eom.mechanism.potential_while.values())
-    points = horzcat(*(contact.position for contact in contacts.values())).T
+    eom, n, partner = equations_of_motion(walker), len(walker.shape), walker.partners()
+    contacts, p_plus = eom.mechanism.contacts, walker.step_parameters(p)[-1]
     size = Function("size", [eom.p], [eom.length, eom.gravity, eom.mass])
-    gaps = vertcat(SX(0, 1), *eom.mechanism.stops.values())
-    stops = Function("stops", [eom.q, eom.p], [densify(gaps), densify(jacobian(gaps, eom.q))])
-    at = Function("contacts", [eom.q, eom.p], [densify(eom.M), densify(points), densify(sum1(springs))])
     length, gravity, mass = (float(np.asarray(value).item()) for value in size(p))
     if not (length > 0 and gravity > 0 and mass > 0):
         return "its length, mass or gravity is zero"
     scales = Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
     random, massless = np.random.default_rng(0), {k for contact in contacts.values() for k in contact.places}
     closing = [walker.stops.index(name) for name in walker.closing_stops]
-    kept = [k for k, name in enumerate(names) if name not in massless]
+    kept = [k for k, name in enumerate((*walker.shape, "x", "y")) if name not in massless]
     for _ in range(CHECKED_TOUCHDOWNS):
         q = random.uniform(-SPREAD, SPREAD, n + 2)
         dq = random.standard_normal(n + 2) / scales.time
-        if walker.closing_stops:  # they are locked when the feet swap roles
-            gap, slope = (np.asarray(value)[closing] for value in stops(q, p))
-            q, dq = q - np.linalg.pinv(slope) @ gap.ravel(), dq - np.linalg.pinv(slope) @ (slope @ dq)
-        M, before, energy = (np.asarray(value) for value in at(q, p))
-        if not all(np.isfinite(value).all() for value in (M, before, energy)):
+        here = _posture(walker, q, dq, p)
+        if closing:  # they are locked when the feet swap roles
+            slope = here.gap_jacobian[closing]
+            q[:n] -= np.linalg.pinv(slope) @ here.gaps[closing]
+            dq[:n] -= np.linalg.pinv(slope) @ (slope @ dq[:n])
+            here = _posture(walker, q, dq, p)
+        if not all(np.isfinite(value).all() for value in (here.mass_matrix, here.contacts, here.spring_energy)):
             return f"its equations are not finite at {_posture_words(walker, q[:n])}"
-        reason = _without_inertia(walker, M[np.ix_(kept, kept)])
+        reason = _without_inertia(walker, here.mass_matrix[np.ix_(kept, kept)])
         if reason is not None or not walker.landing_contacts:
             return reason
-        here = _posture(walker, q, dq, p)
         q_plus, dq_plus = np.array([*here.relabel, *here.foot[0]]), np.array([*here.relabel_rate, *here.foot[1]])
-        reason = _jump(here.bodies, _posture(walker, q_plus, dq_plus, p_plus).bodies, scales)
+        there = _posture(walker, q_plus, dq_plus, p_plus)
+        reason = _jump(here.bodies, there.bodies, scales)
         if reason is not None:
             free = ", ".join(name for name in walker.stops if name not in walker.closing_stops)
             return f"{reason}; if they are so while {free} is locked, name it in closing_stops" if free else reason
-        _, after, energy_after = (np.asarray(value) for value in at(q_plus, p_plus))
         for k, name in enumerate(contacts):
             other = partner.get(name, name)
-            if np.abs(after[[*contacts].index(other)] - before[k]).max() > AGREEMENT * length:
+            if np.abs(there.contacts[[*contacts].index(other)] - here.contacts[k]).max() > AGREEMENT * length:
                 return f"the contact {name} is not where {other} is after the feet have swapped places"
-        if abs(energy_after - energy).item() > AGREEMENT * max(scales.energy, abs(energy).item()):
-            return "its potential energy jumps when the feet swap roles: springs must be the same on both legs"
+        if reason := _energy_jump(here, there, scales):
+            return reason
     return None
+
+
+def _energy_jump(before: "Posture", after: "Posture", scales: Scales) -> str | None:
+    """Message about springs whose energy changes when the feet swap roles."""
+    energies = before.spring_energy, after.spring_energy
+    if abs(energies[1] - energies[0]) <= AGREEMENT * max(scales.energy, abs(energies[0])):
+        return None
+    change = f"from {energies[0]:.6g} J to {energies[1]:.6g} J when the feet swap roles"
+    return f"its potential energy jumps {change}: springs must be the same on both legs"
 
 
 def _never_closed(walker: type[Walker], free: Mapping[str, float]) -> str:
@@ -327,7 +331,9 @@ def _touchdown_fault(
     if walker.massless_feet:
         before = _posture(walker, np.array([*s_plus, 0, 0]), np.zeros(s_plus.size + 2), p)
         after = _posture(walker, np.array([*before.relabel, *before.foot[0]]), np.zeros(s_plus.size + 2), p)
-        return _jump(before.bodies, after.bodies, scales) or _without_inertia(walker, before.mass_matrix)
+        return _jump(before.bodies, after.bodies, scales) or _without_inertia(
+            walker, before.mass_matrix[: rates.size, : rates.size]
+        )
     s_minus = _before_relabelling(walker, s_plus, p)
     if s_minus is None:
         return "relabel cannot be inverted: after the swap of the feet the posture before it is no longer known"
@@ -353,17 +359,12 @@ def _touchdown_fault(
     if after.upright < FALLEN:
         where = _posture_words(walker, s_plus)
         return f"upright is {after.upright:.3g} just after a touchdown, at {where}: it must be positive while it walks"
-    jump = _jump(before.bodies, after.bodies, scales)
-    if jump is not None:
-        return jump
-    energies = before.spring_energy, after.spring_energy
-    if abs(energies[1] - energies[0]) > AGREEMENT * max(scales.energy, abs(energies[0])):
-        change = f"from {energies[0]:.6g} J to {energies[1]:.6g} J when the feet swap roles"
-        return f"its potential energy jumps {change}: springs must be the same on both legs"
+    if reason := _jump(before.bodies, after.bodies, scales) or _energy_jump(before, after, scales):
+        return reason
     if before.dissipation < 0:
         power = f"{-before.dissipation:.3g} W at a touchdown"
         return f"its dampers give energy, {power}: their coefficients must not be negative"
-    return _without_inertia(walker, after.mass_matrix)
+    return _without_inertia(walker, after.mass_matrix[: rates.size, : rates.size])
 
 
 def _links_fault(walker: type[Walker], p: Array) -> str | None:
@@ -388,13 +389,9 @@ def _links_pairs(walker: type[Walker]) -> Function:
     tree = state_tree(walker, *named)
 
     def properties(bodies: tuple[Body, ...], swing_foot: SX, motors: Mapping[str, SX]) -> tuple[SX, ...]:
-        M, moment = SX.zeros(len(names), len(names)), SX.zeros(2)
-        for body in bodies:
-            J, a = jacobian(body.position, q), jacobian(SX(body.angle), q)
-            M += body.mass * (J.T @ J) + body.inertia * (a.T @ a)
-            moment += body.mass * body.position
+        moment = sum((body.mass * body.position for body in bodies), SX.zeros(2))
         shared = (motors[name] for name in walker.actuators if name in tree.joints)
-        return M, moment, swing_foot, vertcat(SX(0), *shared)
+        return _mass_matrix(bodies, q), moment, swing_foot, vertcat(SX(0), *shared)
 
     motors = dict(zip(walker.actuators, mechanism.motors, strict=True))
     stated = properties(mechanism.bodies, mechanism.swing_foot, motors)
@@ -480,10 +477,12 @@ class Posture:
     foot : ndarray, shape (2, 2) - position and velocity of the swing foot, in rows.
     relabel, relabel_rate : ndarray, shape (n_shape,) - shape coordinates and rates after a swap of the feet.
     relabel_jacobian : ndarray, shape (n_shape, n_shape) - derivative of ``relabel``.
-    mass_matrix : ndarray, shape (n_shape, n_shape) - mass matrix with the stance foot at rest.
+    mass_matrix : ndarray, shape (n_shape + 2, n_shape + 2) - mass matrix for the shape and the base point.
+    contacts : ndarray, shape (n_contacts, 2) - positions of the named contacts.
     guard, guard_slope : the guard of touchdown, and the length of its gradient.
     upright : number that is positive unless the walker has fallen.
-    spring_energy : potential energy without that of gravity [J].
+    spring_energy : potential energy without that of gravity [J]; with named contacts, of all springs whether they act
+        or not.
     dissipation : power that the dampers dissipate [W].
     gravity : acceleration of gravity [m/s^2].
     gaps : ndarray, shape (n_stops,) - gaps of the joint stops.
@@ -496,6 +495,7 @@ class Posture:
     relabel_jacobian: Array
     relabel_rate: Array
     mass_matrix: Array
+    contacts: Array
     guard: float
     guard_slope: float
     upright: float
@@ -524,14 +524,14 @@ def _kinematics(walker: type[Walker]) -> Function:
     """(q, dq, p) -> the entries of ``Posture``, by name."""
     n, (q, p, mechanism) = len(walker.shape), symbolic_mechanism(walker)
     dq = SX.sym("dq", q.numel())
-    bodies, M = [], SX.zeros(n, n)
+    bodies = []
     for body in mechanism.bodies:
         velocity, spin = jtimes(body.position, q, dq), jtimes(SX(body.angle), q, dq)
         bodies.append(vertcat(body.mass, body.inertia, body.position, velocity, spin))
-        J, a = jacobian(body.position, q[:n]), jacobian(SX(body.angle), q[:n])
-        M += body.mass * (J.T @ J) + body.inertia * (a.T @ a)
     foot, relabel, guard = mechanism.swing_foot, SX(mechanism.relabel), SX(mechanism.touchdown)
     slope, gaps = jacobian(relabel, q[:n]), vertcat(SX(0, 1), *mechanism.stops.values())
+    points, sometimes = [contact.position for contact in mechanism.contacts.values()], mechanism.potential_while
+    springs = (SX(mechanism.potential), *(sometimes.values() if points else ()))
     losses = (SX(d.coefficient) * jtimes(SX(d.across), q, dq) ** 2 for d in mechanism.dampers)
     outputs = {
         "bodies": horzcat(*bodies).T,
@@ -539,17 +539,27 @@ def _kinematics(walker: type[Walker]) -> Function:
         "relabel": relabel,
         "relabel_jacobian": slope,
         "relabel_rate": slope @ dq[:n],
-        "mass_matrix": M,
+        "mass_matrix": _mass_matrix(mechanism.bodies, q),
+        "contacts": horzcat(SX(2, 0), *points).T,
         "guard": guard,
         "guard_slope": norm_2(densify(jacobian(guard, q[:n])).T),
         "upright": mechanism.upright,
-        "spring_energy": SX(mechanism.potential),
+        "spring_energy": sum(springs, SX(0)),
         "dissipation": sum(losses, SX(0)),
         "gravity": norm_2(mechanism.gravity),
         "gaps": gaps,
         "gap_jacobian": jacobian(gaps, q[:n]),
     }
     return Function("kinematics", [q, dq, p], [*outputs.values()], ["q", "dq", "p"], [*outputs])
+
+
+def _mass_matrix(bodies: Iterable[Body], q: SX) -> SX:
+    """Sum of m J' J and I a' a over the bodies."""
+    M = SX.zeros(q.numel(), q.numel())
+    for body in bodies:
+        J, a = jacobian(body.position, q), jacobian(SX(body.angle), q)
+        M += body.mass * (J.T @ J) + body.inertia * (a.T @ a)
+    return M
 
 
 @built_once(maxsize=8)
