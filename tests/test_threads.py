@@ -103,7 +103,8 @@ def test_verifications_and_proofs_of_several_threads_are_those_of_one():
         gait = named("rimless-wheel-stick")
         return repr(verify(gait).claims), repr(prove(gait, progress=False).to_record() if k % 4 == 0 else None)
 
-    assert in_threads(proved, range(THREADS)) == [proved(k) for k in range(THREADS)]
+    alone = [proved(0), proved(1)]
+    assert in_threads(proved, range(THREADS)) == [alone[k % 4 > 0] for k in range(THREADS)]
 
 
 def test_a_family_may_be_used_by_several_threads_in_turn():

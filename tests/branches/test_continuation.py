@@ -55,6 +55,7 @@ def test_scales_and_starts_do_not_decide_where_special_points_are(start: float, 
     assert found == pytest.approx(changes(downwards()), rel=0, abs=AGREEMENT)
 
 
+@pytest.mark.slow
 def test_both_directions_meet_the_same_special_points() -> None:
     upwards = continuation(passive(0.171), "friction", 0.18)
     assert changes(upwards) == pytest.approx(changes(downwards()), rel=0, abs=AGREEMENT)

@@ -136,6 +136,7 @@ def test_a_finished_run_is_verified_into_another_folder(run):
     assert json.loads(out)["state"] == json.loads(stored)["state"]
 
 
+@pytest.mark.slow
 def test_a_basin_of_a_finished_run_is_stored_in_another_folder(run):
     run("solve", PROBLEM, "-o", "solved")
     code, out, _ = run("basin", "solved", "--over", "dtheta=0.9:1.1:2", "--steps", "2", "--json", "-o", "states")

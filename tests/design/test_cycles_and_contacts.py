@@ -72,6 +72,7 @@ def test_least_double_support_makes_the_spring_stiffer() -> None:
     assert slide(1.5, gait.freed["walker.stiffness"])[0] == pytest.approx(1.0 - SUPPORT, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_double_support_that_no_force_brings_about_is_infeasible() -> None:
     """How long a mass slides does not depend on the forces; a motion without any slide would be no gait."""
     changes = FREE | {"objective": "torque_squared", "constraints": {"phases.1.duration": {"min": 0.3}}}

@@ -229,7 +229,7 @@ def test_designed_reference_slides_as_fast_with_longer_steps():
 @pytest.mark.parametrize(
     ("objective", "numbers", "least"),
     [
-        ("peak_torque", (0.442, 0.152, 0.0066), 0.477464872643),
+        pytest.param("peak_torque", (0.442, 0.152, 0.0066), 0.477464872643, marks=pytest.mark.slow),
         pytest.param("required_friction", (0.351, 0.268, 0.0034), 0.0926491062422, marks=pytest.mark.slow),
         pytest.param("torque_squared", (0.488, 0.598, 0.0063), 0.379408927456, marks=pytest.mark.slow),
         pytest.param("required_friction", (0.44, 0.419, 0.0005), 0.112401970918, marks=pytest.mark.slow),

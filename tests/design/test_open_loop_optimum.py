@@ -79,6 +79,7 @@ def test_its_law_can_be_followed_to_another_friction(compass, tmp_path):
     np.testing.assert_array_equal(stored.state, last.gait.state)
 
 
+@pytest.mark.slow
 def test_a_stored_branch_of_a_design_has_the_values_of_the_design(tmp_path):
     design = named("compass-torque-efficient")
     stored = go.continuation(design, "friction", to=0.125, output=tmp_path / "run").points[-1].gait

@@ -230,6 +230,7 @@ def test_the_commands_know_both_coefficients(run, empty_folder):
     assert "friction.static" in out
 
 
+@pytest.mark.slow
 def test_a_frictionless_impact_slips_only_where_sticking_needs_more_friction_than_there_is():
     problem = go.load_problem("compass-torque-impact-slip").replace({"impact_law": "frictionless"})
     branch = go.continuation(go.solve(problem), "friction", 0.3)

@@ -168,6 +168,7 @@ def test_every_command_is_completed_after_a_crash_at_any_point(command, kind):
                     assert again[name] == content, (n, name)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("empty_folder")
 def test_a_run_that_was_killed_is_solved_by_the_same_command():
     program = [sys.executable, str(Path(__file__).parents[1] / "crash_points.py"), "kill", "9", *COMMANDS["solve"]]

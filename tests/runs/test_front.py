@@ -74,6 +74,7 @@ def test_front_without_objective_is_refused(tmp_path):
         FrontPlan(problem=load_problem("rimless-wheel-slope"), axis=AXIS, folder=tmp_path).complete()
 
 
+@pytest.mark.slow
 def test_many_starts_find_one_optimum_and_depend_on_the_seed_alone(tmp_path):
     problem = design_problem()
     here = Workers(count=1)

@@ -15,7 +15,8 @@ CLOSE = 1.0
 
 def faults(figure: Figure) -> list[str]:
     """Every fault in words."""
-    figure.canvas.draw()
+    if figure.stale:  # it is not drawn yet
+        figure.canvas.draw()
     renderer = figure.canvas.get_renderer()
     hidden = _hidden(figure)
     shown = [text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip()]

@@ -73,6 +73,7 @@ def test_a_branch_is_drawn_and_reported_from_its_folder(branch_run, capsys):
     assert "spectral_radius" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_branches_over_one_parameter_share_a_picture(branch_run, tmp_path, capsys):
     other = shutil.copytree(branch_run, tmp_path / "other")
     assert main(["plot", str(branch_run), str(other), "--what", "speed", "--format", "svg"]) == 0

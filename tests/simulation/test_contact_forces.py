@@ -83,6 +83,7 @@ class Answering(Control):
 LAW = Answering(offset=0.0, gain=0.0)
 
 
+@pytest.mark.slow
 def test_the_chosen_mode_agrees_with_the_torques_that_the_law_has_in_it() -> None:
     """Where a foot lifts, the law holds one foot fewer, and its torque jumps: the mode is decided with both."""
     walker = Inchworm(

@@ -59,7 +59,7 @@ def test_newton_alone_finds_the_same_gait_and_design(name):
     assert_same(gait, named(name))
 
 
-@pytest.mark.parametrize("name", [*FOR_IPOPT, *OPEN_LOOP])
+@pytest.mark.parametrize("name", [*FOR_IPOPT, *(pytest.param(name, marks=pytest.mark.slow) for name in OPEN_LOOP)])
 def test_newton_alone_says_that_it_finds_nothing_and_auto_that_ipopt_does(name):
     gait = go.solve(name, method="newton", progress=False)
     assert gait.status is go.Status.NOT_CONVERGED

@@ -37,7 +37,7 @@ OUT_OF_REACH = [
     (STABLE, "constraints.spectral_radius={max: 1e-3}"),
 ]
 INFEASIBLE = [*NO_ENERGY, *TOO_SLIPPERY, *WRONG_MODES, *OUT_OF_REACH]
-SAMPLE = [NO_ENERGY[0], NO_ENERGY[2], TOO_SLIPPERY[1], WRONG_MODES[3]]
+SAMPLE = [NO_ENERGY[0], NO_ENERGY[2], TOO_SLIPPERY[1], WRONG_MODES[0]]
 
 
 def limit_processor_time():
