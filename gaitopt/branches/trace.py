@@ -53,21 +53,22 @@ from gaitopt.store.trace import StoredTrace
 from gaitopt.verification.verify import confirm
 
 LARGEST_LENGTH = 0.05
-"""At least twenty points for the range of the second parameter."""
+"""Longest step along a curve, relative to the range of the second parameter: a curve has at least twenty points."""
 MOST_SPANS = 10.0
-"""Distance of the bounds of the first parameter from its value at the special point, relative to that, by default."""
+"""Default distance of the bounds of the first parameter from its value at the special point, relative to this value."""
 BESIDE = 1e-6
-"""Arclength from the first point up to which a codimension-two point is the one at which the curve begins."""
+"""A codimension-two point within this arclength of the first point is the one at which the curve begins."""
 AT_MARGIN = 1e-6
-"""Largest difference of the simulated cycle on a margin, in natural units: the simulator may take either sequence."""
+"""Largest difference between a cycle on a margin and its simulation, which may take either mode sequence, in natural
+units."""
 CONSTANT = 1e-9
-"""Part of the tangent below which an entry does not change along the curve."""
+"""An unknown is constant along the curve if its entry of the unit tangent is below this number."""
 STRAY = 10.0
-"""Largest distance of the first point with another mode sequence from the one before, in lengths of the step to it."""
+"""Largest distance of the first point with another mode sequence from the point before it, in step lengths."""
 SILENT = 1e-8
-"""A monitor below this vanishes along the whole curve, or at its first point."""
+"""A monitor whose value is below this number vanishes along the whole curve, or at its first point."""
 AT_BOUND = 1e-9
-"""Relative distance from a bound below which a point is at it."""
+"""A point is at a bound if its relative distance from it is below this number."""
 HALVES_APART = (1e-3, 1e-2)
 """Arclengths from a period doubling at which the halves of a doubled gait differ enough for Newton's method."""
 MARGINS = ("mode_change", "impact_change", str(Ending.LIFT_OFF), str(Ending.PAINLEVE))

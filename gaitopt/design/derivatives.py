@@ -33,7 +33,7 @@ SMALLEST_DISTANCE = 1e-6
 """Two multipliers that are closer than this, relative to the largest one or to one, are a double multiplier: rounding
 of the return map moves it by the root of the rounding."""
 LARGEST_DERIVATIVE = 1e9
-"""A larger derivative of a state, in natural units and relative to a parameter, belongs to a fold."""
+"""The gait is at a fold if the derivative of a state, in natural units and relative to the parameter, exceeds this."""
 SPECTRAL_RADIUS = "spectral_radius"
 
 

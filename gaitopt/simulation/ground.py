@@ -28,12 +28,12 @@ from gaitopt.problem.floor import Floor
 from gaitopt.threads import cached_property
 
 LEVEL = 1e-9
-"""A height that is smaller, in natural units, is rounding."""
+"""A height below this number, in natural units, is attributed to rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tiles:
-    """The tiles of m walks that are under one contact.
+    """The tiles under one contact in m walks.
 
     Attributes
     ----------

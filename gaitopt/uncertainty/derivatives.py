@@ -32,9 +32,9 @@ from gaitopt.simulation.ground import OnTiles
 RTOL, ATOL = 1e-12, 1e-13
 """Tolerances of the deviations, whose entries are of the order of one in SI."""
 OUTPUTS = ("period", "step_length", "foot_clearance", "cone_distance")
-"""What a tile changes: [s], [m], [m] and min(mu f_n - |f_t|) over sticking [N]."""
+"""Quantities of a step that a tile changes [s, m, m, N]; ``cone_distance`` is min(mu f_n - |f_t|) while sticking."""
 AT_END = 1e-6
-"""An extremum this close to the end of an arc, relative to its duration, is there."""
+"""An extremum counts as that at the end of an arc if it is this close to the end, relative to the duration."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,9 +43,9 @@ class StepDerivatives(ReadOnlyArrays):
 
     Attributes
     ----------
-    state_by_state, state_by_tiles : ndarrays, shapes (n_z, n_z) and (n_z, m) - of the state just after the impact.
-    outputs_by_state, outputs_by_tiles : ndarrays, shapes (4, n_z) and (4, m) - of ``OUTPUTS``; NaN where one has no
-        derivative, as the distance to the cone of a step that slips.
+    state_by_state, state_by_tiles : ndarrays, shapes (n_z, n_z) and (n_z, m) - of the state after the impact.
+    outputs_by_state, outputs_by_tiles : ndarrays, shapes (4, n_z) and (4, m) - derivatives of
+        ``OUTPUTS``; NaN where there is none, such as that of the distance to the cone of a step that slips.
     """
 
     state_by_state: Array
@@ -55,7 +55,7 @@ class StepDerivatives(ReadOnlyArrays):
 
 
 def tile_parameters(on_tiles: OnTiles, quantity: str) -> dict[str, tuple[tuple[int, float], ...]]:
-    """Where a quantity of a tile enters the parameters of a step: index and weight.
+    """Indices and weights of the parameters of a step through which a quantity of a tile acts.
 
     ``landed`` is the step that ends on the tile, ``stands`` the next one, which begins on it.
     """
@@ -75,9 +75,9 @@ def step_derivatives(step: Step, dynamics: Dynamics, places: Sequence[int]) -> S
 
     Parameters
     ----------
-    step : with arcs at Chebyshev points.
+    step : a step whose arcs are given at Chebyshev points.
     dynamics : the system on tiles, at parameters at which it takes this step.
-    places : indices of the m parameters.
+    places : indices of the m parameters by which the step is differentiated.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def _flowed(dynamics: Dynamics, arc: Arc, Z: Array, end: float, places: tuple[in
 
 
 def _event(arc: Arc, after: Arc | None, impact: Mode) -> tuple[Transition | None, Mode | None]:
-    """The row of the event at the end of an arc, and the mode just after its impact, as called before it; if any."""
+    """The transition at the end of an arc, and the mode after its impact with the names before it; None if absent."""
     table, walker = arc.dynamics.system.transitions, arc.dynamics.system.walker
     if after is not None and after.segment != arc.segment:
         return None, None

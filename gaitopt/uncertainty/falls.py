@@ -24,15 +24,16 @@ from gaitopt.simulation.outcomes import ENDINGS
 from gaitopt.verification.tiled_walks import TiledWalks
 
 CONFIDENCE = 0.99
+"""Level of the confidence intervals."""
 OTHER_WALKS = 1 << 40
-"""Number of the first walk of the eigenvalue: its floors are independent of those on which falls are counted."""
+"""Number of the first walk for the eigenvalue; these floors are independent of those on which falls are counted."""
 PARTICLES, TRANSIENT, COUNTED = 1000, 50, 200
 """Number of walks for the eigenvalue, of the steps after which their start is forgotten, and of those that count."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Falls:
-    """Falls on random floors.
+    """Statistics of the falls on random floors.
 
     Attributes
     ----------
@@ -54,11 +55,11 @@ class Falls:
 def count_falls(
     gait: Gait, floor: RandomFloor, *, walks: int, steps: int, engine: Engine, first: int = 0, should_stop: Stop = None
 ) -> tuple[Array, dict[str, int]]:
-    """Completed steps of each of some walks, negative where it has not fallen, and numbers of falls by ending.
+    """The number of completed steps of each walk, negative if it has not fallen, and the number of falls by ending.
 
     Parameters
     ----------
-    floor : of the walks; each has the stream of its number.
+    floor : random floor; each walk has the random stream of its number.
     steps : largest number of steps of a walk.
     first : number of the first walk.
     """
@@ -97,7 +98,7 @@ def mean_steps(completed: Array) -> tuple[float | None, tuple[float, float | Non
 def metastable_eigenvalue(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: Stop = None) -> float | None:
     """The share of walks that survive a step once the start is forgotten.
 
-    None where no walk falls, where all fall at once, and without batches, which need heyoka and a walker on one foot.
+    It is None if no walk falls, if all have fallen, or without batches, which need heyoka and a walker on one foot.
     """
     steps = TRANSIENT + COUNTED
     rows = [floor.arrays(steps + 1, OTHER_WALKS + walk) for walk in range(PARTICLES)]

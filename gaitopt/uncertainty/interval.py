@@ -1,4 +1,4 @@
-"""The interval of a parameter in which the same control has a stable gait without a break, and what ends it."""
+"""The connected interval of a parameter in which the same control has a stable gait, and what ends it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,16 +11,16 @@ from gaitopt.gait.gait import Gait
 from gaitopt.uncertainty.limits import LARGEST_FRICTION
 
 NONE = "none"
-"""What ends an interval that goes on beyond the values that are looked at."""
+"""Stated as the end of an interval that continues beyond the values examined."""
 SMALLEST = 1e-3
-"""Lowest value, relative to that of the gait, where the problem allows no zero."""
+"""Smallest value examined, relative to that of the gait, if the problem does not allow zero."""
 REACH = 2.0
-"""Distance to which a parameter other than friction is followed, relative to its size."""
+"""A parameter other than friction is followed up to this distance, relative to its size."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """An interval of a parameter.
+    """The interval of a parameter with a stable gait.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ def stable_interval(gait: Gait, key: str, *, should_stop: Stop = None) -> Interv
 
     Parameters
     ----------
-    key : of a continuous parameter of the gait.
+    key : dotted key of a continuous parameter of the gait.
     """
     value = gait.dynamics.parameter(key)
     low, high = (_end(gait, key, _target(gait, key, value, sign), should_stop) for sign in (-1, 1))

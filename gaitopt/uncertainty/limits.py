@@ -1,8 +1,8 @@
 """The first disturbance from which a walk does not return to its gait: patches of tiles, steps, slopes and pushes.
 
-Going out from the nominal floor in equal steps, the first value that fails is refined by bisection between it and the
-last one that survives. Survival need not be monotone beyond it. A walk returns if within 400 steps the state just after
-the impact is that of the gait again.
+Values are tried in equal steps away from the nominal floor. The limit lies between the last value that survives and
+the first one that fails; bisection refines it. Larger values may survive again. A walk returns if within 400 steps the
+state just after the impact is that of the gait again.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,14 +20,15 @@ from gaitopt.verification.tiled_walks import Floors, returning
 MOST_STEPS, DISTANCE = 400, 1e-6
 """A walk has returned if, within this number of steps, its section coordinates are this close, in natural units."""
 LENGTHS = (1, 2, 4)
-"""Numbers of tiles of a patch."""
+"""Lengths of the patches that are examined, in tiles."""
 WIDTH = 1e-9
-"""Width of the bracket of a limit."""
+"""Bisection ends when the bracket of a limit is narrower than this."""
 BLOCK = 64
-"""Values that are tried at once."""
+"""Number of values that are tried at once."""
 SECTIONS = 16
-"""Parts into which a bracket is divided at once."""
+"""Number of parts into which each refinement divides a bracket."""
 LARGEST_FRICTION, FRICTION_STEP = 3.0, 0.001
+"""Largest friction, and distance of the values that are tried."""
 LARGEST_STEP, STEP_STEP = 0.2, 0.001
 """Largest change of height [m] or slope [rad], and distance of the values that are tried."""
 LARGEST_PUSH, PUSH_STEP = 3.0, 0.002
@@ -38,12 +39,12 @@ and the ratio of successive radii."""
 
 Survives = Callable[[Array], NDArray[np.bool_]]
 KINDS = ("friction_low", "friction_high", "step_up", "step_down", "slope_up", "slope_down")
-"""Kinds of patches, the keys of a result."""
+"""Kinds of patches; they are keys of a result."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """Where walks cease to return.
+    """The largest disturbance after which walks return, with the values that were tried.
 
     Attributes
     ----------
@@ -57,11 +58,11 @@ class Limit:
 
 
 def limit(survives: Survives, start: float, step: float, end: float, *, should_stop: Stop = None) -> Limit:
-    """The first failure from ``start`` in steps towards ``end``.
+    """Find the first value that fails, in steps from ``start`` towards ``end``.
 
     Parameters
     ----------
-    survives : of an array of values, which of them a walk survives; it survives ``start``.
+    survives : tells which of an array of values a walk survives. It must survive ``start``.
     step : signed distance of the values.
     """
     count = int(np.floor(abs(end - start) / abs(step) * (1 + 1e-12)))
@@ -90,9 +91,9 @@ def limit(survives: Survives, start: float, step: float, end: float, *, should_s
 
 
 def patch_floors(kind: str, length: int, values: Array, nominal: float) -> dict[str, Array]:
-    """The floors of patches of a kind with some values: one nominal tile, the patch, then nominal tiles.
+    """Floors with one nominal tile, a patch, then nominal tiles; one floor per value.
 
-    A step of the ground is permanent; ``length`` of them follow each other, each as high.
+    A patch of steps consists of ``length`` equal steps, after which the ground keeps its height.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def patch_limit(
 
     Parameters
     ----------
-    kind : of ``KINDS``.
+    kind : one of ``KINDS``.
     whole : try all values of a friction below the nominal one, also beyond the first failure.
     """
     nominal = gait.dynamics.static_friction
@@ -140,7 +141,7 @@ def patch_limit(
 
 
 def survive(gait: Gait, floors: Floors, engine: Engine) -> NDArray[np.bool_]:
-    """Whether walks that begin on the gait return to it after each of some floors."""
+    """Whether a walk that begins on the gait returns to it, for each of some floors."""
     count = len(next(iter(floors.values())))
     states = np.tile(gait.state, (count, 1))
     return returning(gait, states, floors, engine, steps=MOST_STEPS, distance=DISTANCE)
@@ -157,7 +158,7 @@ def survive_states(gait: Gait, xi: Array, engine: Engine) -> NDArray[np.bool_]:
 
 
 def pushed_rates(gait: Gait) -> tuple[str, ...]:
-    """The rates just after the impact that a push may change: those of the section."""
+    """Names of the rates that a push may change, which are the rates among the section coordinates."""
     section = gait.system.section(gait.cycle)
     return tuple(name for name in section.names if name.startswith("d"))
 
@@ -180,8 +181,8 @@ def nearest_failure(
 ) -> tuple[float, Mapping[str, float]] | None:
     """Distance from the gait to the nearest state found that does not return, and this state; None if none is found.
 
-    The distance is the Euclidean one of the section coordinates in natural units. Rays go out along the axes and in
-    random directions; then the best direction is varied by less and less.
+    The distance is the Euclidean one of the section coordinates in natural units. The search
+    follows rays along the axes and in random directions, then varies the best direction by ever smaller amounts.
     """
     section, units = gait.system.section(gait.cycle), gait.dynamics.state_units
     at, unit = gait.state[section.indices], units[section.indices]
@@ -210,7 +211,7 @@ def nearest_failure(
 def _first_failures(
     gait: Gait, at: Array, unit: Array, directions: Array, reach: float, engine: Engine
 ) -> tuple[float, Array] | None:
-    """The least radius at which a state along one of some directions fails, and the direction."""
+    """The smallest radius at which a state on a ray fails, and the direction of the ray; None if none fails."""
 
     def ok(radii: Array, rays: Array) -> NDArray[np.bool_]:
         return survive_states(gait, at + radii[:, None] * rays * unit, engine)
@@ -227,7 +228,7 @@ def _first_failures(
 def _refined(
     ok: Callable[[Array, Array], NDArray[np.bool_]], rays: Array, low: float, high: float
 ) -> tuple[float, Array] | None:
-    """The least radius between two at which one of some rays fails, by bisection of all that still may be nearest."""
+    """The smallest radius from ``low`` to ``high`` at which a ray fails; bisection drops rays that fail farther out."""
     failed = ~ok(np.full(len(rays), high), rays)
     if not failed.any():
         return None

@@ -29,16 +29,17 @@ from gaitopt.simulation.simulator import Simulator
 from gaitopt.uncertainty.derivatives import OUTPUTS, StepDerivatives, step_derivatives, tile_parameters
 
 NEGLIGIBLE = 1e-30
-"""A square relative to the sum at which the sum has converged."""
+"""The sum of squares has converged once a term, relative to the sum, is below this number."""
 MOST_STEPS = 1_000_000
+"""Largest number of steps that are summed."""
 Norms = dict[str, dict[str, float | None]]
 
 
 def sensitivity_norm(gait: Gait) -> Norms:
     """The norm from a unit change of friction, height [m] and slope [rad] of a tile to each of ``OUTPUTS``, in SI.
 
-    None where there is no derivative: at a graze, of the distance to the cone of a gait that slips, of a quantity that
-    the walker cannot have.
+    An entry is None where there is no derivative: if the step grazes an event, for the distance to the cone of a gait
+    that slips, and for quantities that the floor of this walker cannot have.
     """
     none: Norms = {quantity: dict.fromkeys(OUTPUTS) for quantity in QUANTITIES}
     system = gait.system
@@ -55,7 +56,7 @@ def sensitivity_norm(gait: Gait) -> Norms:
         linear = [step_derivatives(step, _dynamics(on_tiles, n, step), places) for n, step in enumerate(steps)]
     except FloatingPointError:
         return none
-    feedback = np.zeros((len(places), system.n_z))  # of the parameters by the state at the start of a cycle
+    feedback = np.zeros((len(places), system.n_z))  # derivative of the parameters by the state at the start of a cycle
     if correction is not None:
         p = _dynamics(on_tiles, 0, steps[0]).p
         feedback[[places.index(place) for place in corrected]] = correction.slopes(p, steps[0].arcs[0].states[0])[0]
