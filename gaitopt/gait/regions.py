@@ -118,6 +118,17 @@ class Slice:
         )
 
     @property
+    def reversed(self) -> "Slice":
+        """The same branch in the opposite order."""
+        swapped = tuple(
+            {k: v for k, v in special.items() if k not in ("from", "to")}
+            | {side: special[other] for side, other in (("from", "to"), ("to", "from")) if other in special}
+            for special in self.specials[::-1]
+        )
+        segments = tuple(replace(segment, points=segment.points[::-1]) for segment in self.segments[::-1])
+        return replace(self, segments=segments, specials=swapped)
+
+    @property
     def steps(self) -> int:
         """Number of steps of a cycle; 0 without a gait."""
         return len(self.segments[0].middle.get("steps", (1,))) if self.segments else 0
@@ -256,6 +267,26 @@ def _distance(place: tuple[float, float], run: Array, sizes: Array) -> float:
     if not run[0, 1] - slack <= b <= run[-1, 1] + slack:
         return np.inf
     return float(abs(np.interp(b, run[:, 1], run[:, 0]) - a) / sizes[0])
+
+
+def ordered(slices: Iterable[Slice]) -> list[Slice]:
+    """Slices ascending in the second parameter, each in the order that matches the one before it best.
+
+    Beyond a fold a branch may have been followed from its other end.
+    """
+    found = list[Slice]()
+    for each in sorted(slices, key=lambda each: each.value):
+        before = next((other for other in reversed(found) if other.segments), None)
+        if before is not None and _likeness(before, each.reversed) > _likeness(before, each):
+            each = each.reversed
+        found.append(each)
+    return found
+
+
+def _likeness(first: Slice, second: Slice) -> float:
+    """How well two branches match: the labels of their segments, and the types of their special points."""
+    labels = SequenceMatcher(None, first.labels, second.labels, autojunk=False)
+    return labels.ratio() + SequenceMatcher(None, first.types, second.types, autojunk=False).ratio()
 
 
 def families(slices: Sequence[Slice]) -> list[list[Slice]]:

@@ -39,6 +39,7 @@ from gaitopt.gait.regions import (
     curves_between,
     families,
     open_gaps,
+    ordered,
 )
 from gaitopt.gait.trace import CurveStart, TracePoint, TraceSpecial
 from gaitopt.model.cycle import Cycle
@@ -187,7 +188,7 @@ def read_atlas(place: Path) -> Atlas:
 
 def _assembled(problem: Problem, axes: tuple[Axis, Axis], records: Sequence[Record], place: Path) -> Atlas:
     """The atlas from the records of its jobs: those of branches, and those of gaits in regions."""
-    slices = sorted((Slice.from_record(r) for r in records if "segments" in r), key=lambda each: each.value)
+    slices = _slices(record for record in records if "segments" in record)
     checked = {_checked_key(record["at"]): record for record in records if "at" in record}
     traces = _traced(record for record in records if "trace" in record)
     arrangement, gaits = arrange(slices, (axes[0].lower, axes[0].upper), traces), list[Record]()
@@ -280,8 +281,10 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
         """The records of all branches and of all traced curves, by the keys of their jobs."""
         second, known, branches = self.axes[1], dict[float, Job](), dict[str, Record]()
         values = np.linspace(second.lower, second.upper, self.slices).tolist()
-        begin = float(np.clip(self.problem.parameters[second.key], second.lower, second.upper))
-        origin, *others = sorted(values, key=lambda value: abs(value - begin))
+        origin = float(np.clip(self.problem.parameters[second.key], second.lower, second.upper))
+        if origin not in values:  # the first branch is where the gait of the problem is
+            values[min(range(1, len(values) - 1), key=lambda k: abs(values[k] - origin))] = origin
+        others = sorted({*values} - {origin}, key=lambda value: abs(value - origin))
         starts = dict.fromkeys(others, origin)
         known[origin] = self._branch(origin, None)
         branches = self._completed(jobs, [known[origin]])
@@ -396,7 +399,7 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
 
 
 def _slices(records: Iterable[Record]) -> list[Slice]:
-    return sorted(map(Slice.from_record, records), key=lambda each: each.value)
+    return ordered(map(Slice.from_record, records))
 
 
 def _traced(records: Iterable[Record]) -> list[Traced]:
@@ -464,7 +467,7 @@ def slice_job(
         return (
             branch | {"doubled": _doubled(branch, [below, above, *others, *more], first.key)} if doublings else branch
         )
-    reason = reasons[0] if reasons else "there is no gait on the branch next to it"
+    reason = reasons[0] if reasons else "the family of the gait from which it starts does not reach this value"
     return {"value": value, "segments": [], "specials": [], "reason": reason}
 
 

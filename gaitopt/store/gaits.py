@@ -111,8 +111,11 @@ def branch_gait(family: Gait, values: Mapping[str, float], record: GaitRecord) -
     ----------
     values : of the parameters of the branch.
     """
-    dynamics = family.dynamics.at({**freed_values(record), **values})
-    problem = family.problem.replace(dict(values)).with_modes(Cycle.from_record(record), record["state"])
+    dynamics, cycle_of_modes = family.dynamics.at({**freed_values(record), **values}), Cycle.from_record(record)
+    state, direction = dict(record["state"]), cycle_of_modes.steps[-1].impact.direction
+    if direction and state.get("dx", direction) * direction <= 0:  # rounded, where the slip of the impact vanishes
+        state["dx"] = direction * float(np.finfo(float).tiny)
+    problem = family.problem.replace(dict(values)).with_modes(cycle_of_modes, state)
     return gait_from_record(problem, dynamics, record, integrated_steps(dynamics, record))
 
 

@@ -31,6 +31,7 @@ SETTINGS = {
     "distributed.scheduler.worker-saturation": 1.0,  # a worker has one job at a time, so its death costs only that job
     "distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
     "distributed.admin.low-level-log-length": 0,
+    "distributed.worker.profile.enabled": False,  # it would interrupt the jobs a hundred times a second
     "distributed.scheduler.http.routes": [],  # otherwise every user of the machine could read pages about the run
     "distributed.worker.http.routes": [],
 }

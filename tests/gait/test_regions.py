@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 import pytest
 
-from gaitopt.gait.regions import NO_GAIT, UNKNOWN, Arrangement, Slice, Traced, arrange, families, open_gaps
+from gaitopt.gait.regions import NO_GAIT, UNKNOWN, Arrangement, Slice, Traced, arrange, families, open_gaps, ordered
 
 SPAN = (0.0, 1.0)
 MODES = {"phases": [{"mode": "stick", "duration": 1.0}], "impact": "stick"}
@@ -150,6 +150,13 @@ def test_folds_separate_sheets_and_beyond_a_fold_there_is_no_gait() -> None:
     for traces, words in (([end], NO_GAIT), ([], UNKNOWN)):
         regions = arrange(slices, SPAN, traces).regions
         assert [(region.words, round(region.area, 9)) for region in regions] == [("stick; stick", 0.75), (words, 0.25)]
+
+
+def test_a_branch_that_was_followed_from_its_other_end_is_turned_round() -> None:
+    cuts = [("end", 0.0), ("fold", 0.8), ("period_doubling", 0.4), ("lift_off", 0.3)]
+    slices = [branch(b, cuts, [0.5, 2.0, 0.5], [MODES, MODES, SLIPS]) for b in (0.0, 0.5, 1.0)]
+    assert ordered([slices[2], slices[1].reversed, slices[0]]) == slices
+    assert ordered([slices[0], slices[1].reversed]) == slices[:2]
 
 
 def test_an_end_that_nothing_explains_leaves_the_rest_unknown() -> None:
