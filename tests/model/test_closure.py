@@ -163,16 +163,6 @@ def test_a_guess_with_legs_that_do_not_close_is_refused_with_its_place() -> None
         parse_problem(RABBIT % "1.2", walkers=[Rabbit])
 
 
-def test_a_proof_of_a_closure_that_newton_solves_is_refused_by_name() -> None:
-    pytest.importorskip("flint")
-    data: dict[str, Any] = problem_data(load_problem("compass-passive-a"))
-    data["walker"]["model"] = CurvedCompass.model
-    gait = go.solve(parse_problem(json.dumps(data), walkers=[CurvedCompass]))
-    proof = go.prove(gait)
-    assert not proof.proved
-    assert "a posture after its impact that Newton's method solves for" in proof.claims[0].words
-
-
 class RelativeRabbit(Walker):
     """RABBIT in the relative angles of its joints: its author states a posture and the touchdown, and no closure."""
 

@@ -214,10 +214,3 @@ def test_a_family_over_a_short_range_passes_the_slip_at_landing_too() -> None:
 def test_what_a_walker_cannot_do_is_refused_in_words(name: str, phases: list[str], words: str) -> None:
     with pytest.raises(ProblemError, match=words):
         go.load_problem(name).replace({"gait.phases": phases})
-
-
-def test_flight_is_not_proved_and_says_so() -> None:
-    pytest.importorskip("flint")
-    (claim,) = go.prove(named("slip-run")).claims
-    assert (claim.proved, claim.name) == (False, "statement")
-    assert "flight" in claim.words

@@ -2,15 +2,13 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from contact_problems import CATALOGUE, NAMES, Runner, contact_gait, contact_problem, with_point_feet
+from contact_problems import NAMES, Runner, contact_gait, contact_problem, with_point_feet
 from named import named
 from samples import sampled
 
-from gaitopt.api.verbs import prove
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
 from gaitopt.model.mechanism import Contact, polar
 from gaitopt.model.walkers.heel_toe import HeelToe
@@ -240,12 +238,3 @@ def test_the_return_map_of_many_states_is_that_of_each(name: str) -> None:
     assert multiplier_distance(floquet_multipliers(derivative), gait.multipliers) < 1e-5
     with pytest.raises(ValueError, match="one row per state is needed, columns " + ", ".join(section.names)):
         return_map(gait, np.zeros((1, n + 1)))
-
-
-@pytest.mark.parametrize("name", CATALOGUE)
-def test_a_proof_says_that_it_does_not_cover_several_contacts(name: str, tmp_path: Path) -> None:
-    proof = prove(contact_gait(name), output=tmp_path / "proof.json")
-    assert not proof.proved
-    assert [claim["words"] for claim in proof.to_record()["claims"]] == [
-        f"{name}: a {contact_problem(name).walker.model} has several contacts; proofs do not cover that"
-    ]
