@@ -1,13 +1,16 @@
 """How robust a gait is on a floor that nobody knows exactly, figure by figure, kept in the run folder.
 
 Every figure is one job: an interval, a patch of one kind and length, a push of one rate in one direction, the nearest
-state that fails, the sensitivity norm, falls.
+state that fails, the sensitivity norm, the falls of some walks, the metastable eigenvalue.
 """
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
@@ -36,9 +39,11 @@ if TYPE_CHECKING:
 
 ROBUSTNESS_FILE = "robustness.json"
 FIGURES = ResultFile(name="figures.jsonl", key="job", model=FigureRecord)
-PUSH = "push"
-WHAT = ("range", "patch", PUSH, "sensitivity", "falls")
+PUSH, FALLS, EIGENVALUE = "push", "falls", "eigenvalue"
+WHAT = ("range", "patch", PUSH, "sensitivity", FALLS)
 """Groups of figures, the words of ``what``."""
+WALKS_AT_ONCE = 500
+"""Number of walks of one job that counts falls. A job takes some seconds, which is what a kill can lose."""
 SPREAD = 0.2
 """Half the range of the random friction by default, relative to the nominal one."""
 UNLIKELY = 0.5 * 2**0.5
@@ -76,8 +81,10 @@ class Robustness(Reported):
                 record.setdefault("push", {}).setdefault(keys[0], [None, None])[int(keys[1])] = value["value"]
             elif group == "range":
                 record["range"] = {keys[0]: value}
-            else:
+            elif group not in (FALLS, EIGENVALUE):
                 record[group] = value
+        if falls := [value for name, value in self.figures.items() if name.startswith(FALLS)]:
+            record[FALLS] = _falls_record(falls) | {EIGENVALUE: self.figures[EIGENVALUE]}
         return record
 
     def to_frame(self) -> "DataFrame":
@@ -109,6 +116,24 @@ class Robustness(Reported):
                 limit = Limit(value=value["value"], tried=tried, survived=survived)
                 found.setdefault(kind, {}).setdefault(row, []).append(limit)
         return found
+
+
+def _falls_record(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The falls of all walks, from those of some walks each."""
+    completed = np.concatenate([part["completed"] for part in parts])
+    mean, interval = mean_steps(completed)
+    endings = Counter[str]()
+    for part in parts:
+        endings.update(part["endings"])
+    return {
+        "mean_steps": mean,
+        "interval": list(interval),
+        "walks": completed.size,
+        "steps": int(np.abs(completed).sum()),
+        "endings": dict(endings),
+        "floor": parts[0]["floor"],
+        "seed": parts[0]["seed"],
+    }
 
 
 def shown_limit(kind: str, value: Mapping[str, Any]) -> float | None:
@@ -215,16 +240,20 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
             "patch": [f"patch:{kind}:{length}" for kind in fitting for length in LENGTHS],
             "push": [f"push:{rate}:{side}" for rate in pushed_rates(self.gait) for side in (0, 1)] + ["nearest"],
             "sensitivity": ["sensitivity"],
-            "falls": ["falls"],
+            FALLS: [*(f"{FALLS}:{first}" for first in range(0, self.walks, WALKS_AT_ONCE)), EIGENVALUE],
         }
         names = [name for group in self.groups for name in of_group[group]]
         request = RobustnessRequest(**{**asked, "engine": engine})
         state = [f"{value:.9g}" for value in self.gait.state]  # a stored gait has other last digits
         jobs = list[Job]()
         for name in names:
-            random = [str(self.floor), self.seed, self.walks, self.steps] if name == "falls" else []
-            seeded = [self.seed] if name == "nearest" else []
-            identity = [self.problem.digest, state, name, *random, *seeded, engine]
+            group, *numbers = name.split(":")
+            seeded: list[Any] = [self.seed] if group in ("nearest", FALLS, EIGENVALUE) else []
+            if group in (FALLS, EIGENVALUE):
+                seeded.append(str(self.floor))
+            if group == FALLS:
+                seeded += [min(self.walks, int(numbers[0]) + WALKS_AT_ONCE), self.steps]
+            identity = [self.problem.digest, state, name, *seeded, engine]
             jobs.append(Job(key=key_of(identity), argument=(self.gait, name, self.floor, request)))
         return jobs
 
@@ -258,21 +287,16 @@ def figure_job(
         value = {"distance": distance, "state": None if state is None else dict(state)}
     elif group == "sensitivity":
         value = sensitivity_norm(gait)
+    elif group == EIGENVALUE:
+        value = metastable_eigenvalue(gait, floor, engine, should_stop=should_stop)
     else:
+        first = int(keys[0])
         completed, endings = count_falls(
-            gait, floor, walks=request.walks, steps=request.steps, engine=engine, should_stop=should_stop
-        )
-        mean, interval = mean_steps(completed)
-        value = {
-            "mean_steps": mean,
-            "interval": list(interval),
-            "eigenvalue": metastable_eigenvalue(gait, floor, engine, should_stop=should_stop),
-            "floor": str(floor),
-            "seed": floor.seed,
-            "walks": request.walks,
-            "steps": int(abs(completed).sum()),
-            "endings": endings,
-        }
+            gait, floor, first=first, walks=min(WALKS_AT_ONCE, request.walks - first), steps=request.steps,
+            engine=engine, should_stop=should_stop,
+        )  # fmt: skip
+        falls = {"completed": completed.tolist(), "endings": endings}
+        value = falls | {"floor": str(floor), "seed": floor.seed}
     return {"figure": name, "value": value}
 
 

@@ -236,3 +236,10 @@ def test_a_walk_that_ends_as_impact_inconsistent_meets_the_ground_from_below_beh
     assert (height[-5:-1] < 0).all()
     assert length * (np.sin(theta2) * dtheta2 - np.sin(theta1) * dtheta1)[-1] > 0.1
     assert 2 * length * np.sin(theta1[-1]) < -0.1  # place of the swing foot, counted from the stance foot
+
+
+def test_gait_a_falls_on_a_thousand_tiles_of_random_friction():
+    floor = Floor.random("friction=0.12:0.2", 1001, seed=1)
+    assert len(floor) == 1001
+    walk = simulate("compass-passive-a", steps=1000, floor=floor)
+    assert walk.trajectory.ending in ("fall", "impact_inconsistent")

@@ -1,6 +1,9 @@
 """Every figure of the robustness of a gait is what plain simulation, or a closed form, says."""
 
 import json
+import subprocess
+import sys
+import time
 from itertools import product
 from math import asin, cos, pi, sin, sqrt
 from pathlib import Path
@@ -251,6 +254,32 @@ def test_wrong_questions_are_refused(make, words, code, tmp_path, monkeypatch):
     assert words in str(error.value)
     assert error.value.exit_code == code
     assert go.Robustness
+
+
+@needs_heyoka
+@pytest.mark.slow
+def test_a_killed_command_resumes_with_equal_results(tmp_path):
+    program = [sys.executable, "-c", "from gaitopt.cli.main import main; raise SystemExit(main())"]
+    arguments = ["robustness", "rimless-wheel-stick", "--what", "push,sensitivity,falls", "--random", "friction=0.3:2",
+                 "--walks", "1200", "--steps", "60", "--workers", "2", "--json", "--quiet", "-o"]  # fmt: skip
+    process = subprocess.Popen([*program, *arguments, str(tmp_path / "killed")], stdout=subprocess.DEVNULL)
+    while process.poll() is None and not any(
+        file.read_text().count("\n") >= 2 for file in (tmp_path / "killed").glob("robustness-*/figures.jsonl")
+    ):
+        time.sleep(0.01)
+    assert process.poll() is None, "the command had ended before it could be killed"
+    process.kill()
+    process.wait()
+    (file,) = (tmp_path / "killed").glob("robustness-*/figures.jsonl")
+    finished = file.read_text().splitlines()[:2]
+    records = []
+    for folder in ("killed", "whole"):
+        run = subprocess.run([*program, *arguments, str(tmp_path / folder)], capture_output=True, text=True, check=True)
+        records.append(json.loads(run.stdout))
+        assert (tmp_path / folder).name in records[-1].pop("run")
+    assert file.read_text().splitlines()[:2] == finished
+    assert records[0] == records[1]
+    assert records[0]["falls"]["walks"] == 1200
 
 
 def test_an_unstable_gait_is_printed_as_json_before_exit_code_4(tmp_path, capsys):

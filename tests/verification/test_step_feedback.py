@@ -8,8 +8,11 @@ from named import named
 
 import gaitopt as go
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
+from gaitopt.problem.floor import RandomFloor
 from gaitopt.problem.problem import restore_problem
+from gaitopt.requests import Engine
 from gaitopt.simulation.simulator import Simulator
+from gaitopt.uncertainty.falls import count_falls
 from gaitopt.verification.return_map import ReturnMap
 
 NAME = "compass-torque-impact-slip"
@@ -214,3 +217,17 @@ def test_the_sensitivity_norm_is_that_of_the_closed_loop():
     walk = go.simulate(gait, floor=go.Floor(friction=tiles), steps=60)
     periods = np.array([step.period for step in walk.trajectory.steps])
     assert np.sqrt(((periods - gait.period) ** 2).sum()) / change == pytest.approx(norm, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("spread", "falls"), [("friction=0.53:0.6", {}), ("friction=0.4:0.6", {"lift_off": 1000})])
+def test_the_robot_walks_a_hundred_steps_on_a_thousand_random_floors(spread, falls):
+    """Its impact sticks above friction 0.4713; on tiles with less the landing foot slips forward, and then lifts off."""
+    pytest.importorskip("heyoka")
+    keys = ["control.reference.swing_hip.3", "control.reference.swing_knee.3"]
+    gait = go.solve(with_feedback({"design": "lqr", "corrects": keys}, "rabbit-hzd"), progress=False)
+    completed, endings = count_falls(
+        gait, RandomFloor.parse(spread, seed=1), walks=1000, steps=100, engine=Engine.HEYOKA
+    )
+    assert endings == falls
+    assert (completed == -100).all() == (not falls)
