@@ -222,7 +222,7 @@ def test_the_sensitivity_norm_is_that_of_the_closed_loop():
 @pytest.mark.slow
 @pytest.mark.parametrize(("spread", "falls"), [("friction=0.53:0.6", {}), ("friction=0.4:0.6", {"lift_off": 1000})])
 def test_the_robot_walks_a_hundred_steps_on_a_thousand_random_floors(spread, falls):
-    """Its impact sticks above friction 0.4713; on tiles with less the landing foot slips forward, and then lifts off."""
+    """Its impact sticks above friction 0.4713; with less the landing foot slips forward, and then lifts off."""
     pytest.importorskip("heyoka")
     keys = ["control.reference.swing_hip.3", "control.reference.swing_knee.3"]
     gait = go.solve(with_feedback({"design": "lqr", "corrects": keys}, "rabbit-hzd"), progress=False)
