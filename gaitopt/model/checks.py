@@ -330,7 +330,16 @@ def _touchdown_fault(
     s_plus, _ = section_posture(walker, free, p_plus)
     if walker.massless_feet:
         before = _posture(walker, np.array([*s_plus, 0, 0]), np.zeros(s_plus.size + 2), p)
-        after = _posture(walker, np.array([*before.relabel, *before.foot[0]]), np.zeros(s_plus.size + 2), p)
+        q_plus = np.array([*before.relabel, *before.foot[0]])
+        after = _posture(walker, q_plus, np.zeros(s_plus.size + 2), p)
+        if is_default(walker, "landing"):  # the rates with which the bodies move on must exist
+            moves = [
+                _posture(walker, q_plus, np.array([*e, 0, 0]), p).bodies[:, 4:].ravel() for e in np.eye(rates.size)
+            ]
+            moving = _posture(walker, np.array([*s_plus, 0, 0]), np.array([*rates, 0, 0]), p).bodies[:, 4:].ravel()
+            left = moving - np.transpose(moves) @ np.linalg.lstsq(np.transpose(moves), moving, rcond=None)[0]
+            if np.abs(left).max() > AGREEMENT * np.abs(moving).max():
+                return "has massless feet, but its bodies cannot move on as they did when a foot lands: define landing"
         return _jump(before.bodies, after.bodies, scales) or _without_inertia(
             walker, before.mass_matrix[: rates.size, : rates.size]
         )
@@ -592,7 +601,7 @@ def _definition(walker: type[Walker]) -> tuple[tuple[str, ...], Function]:
     stated |= {f"the push of {name}": impulse for name, impulse in m.pushes.items()}
     slopes = {f"the derivative of {name}": jacobian(expression, shape) for name, expression in stated.items()}
     stated |= {f"Mechanism.switches[{name!r}]": margin(dq) for name, margin in m.switches.items()}
-    if walker.massless_feet:
+    if walker.massless_feet and not is_default(walker, "landing"):
         landed = state_landing(walker, q, dq, parameters)
         stated |= {f"{name} after landing": values for name, values in zip(("posture", "rate"), landed, strict=True)}
     lines, contact = state_picture(walker, q, parameters)

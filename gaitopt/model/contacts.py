@@ -82,7 +82,7 @@ from casadi import (
 from gaitopt.arrays import Array
 from gaitopt.building import building, built_once
 from gaitopt.errors import ProblemError
-from gaitopt.model.declaration import parameter_namespace, state_landing
+from gaitopt.model.declaration import is_default, parameter_namespace, state_landing
 from gaitopt.model.lagrangian import EquationsOfMotion, equations_of_motion
 from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.walker import Walker
@@ -438,10 +438,23 @@ def push_off(eom: EquationsOfMotion, mode: Mode, pushing: Sequence[str]) -> tupl
 
 
 def massless_landing(eom: EquationsOfMotion) -> tuple[SX, SX]:
-    """Shape and its rates just after a massless foot has landed, which sticks; see ``Walker.landing``."""
-    names = (*eom.walker.shape, "x", "y")
-    q, dq = (SimpleNamespace(**dict(zip(names, vertsplit(values), strict=True))) for values in (eom.q, eom.dq))
-    return state_landing(eom.walker, q, dq, parameter_namespace(eom.walker, eom.p))
+    """Shape and its rates just after a massless foot has landed, which sticks.
+
+    Unless the class defines ``Walker.landing``, the bodies move on as they did, as those of walkers with massless
+    contacts do: with their velocities v and the new shape s,  J' m J ds/dt = J' m v.
+    """
+    names, n = (*eom.walker.shape, "x", "y"), len(eom.walker.shape)
+    if not is_default(eom.walker, "landing"):
+        q, dq = (SimpleNamespace(**dict(zip(names, vertsplit(values), strict=True))) for values in (eom.q, eom.dq))
+        return state_landing(eom.walker, q, dq, parameter_namespace(eom.walker, eom.p))
+    shape, inertia, momentum = SX(eom.mechanism.relabel), SX.zeros(n, n), SX.zeros(n)
+    for body in eom.mechanism.bodies:
+        for mass, place in ((body.mass, body.position), (body.inertia, SX(body.angle))):
+            before = jacobian(place, eom.q[:n])
+            after = substitute(before, eom.q[:n], shape)
+            inertia += mass * (after.T @ after)
+            momentum += mass * (after.T @ (before @ eom.dq[:n]))
+    return shape, solve(inertia, momentum)
 
 
 def ordered(eom: EquationsOfMotion, values: SX) -> SX:

@@ -440,8 +440,6 @@ def _class_faults(walker: type[Walker]) -> Iterator[str]:
     for name in DERIVED:
         if inspect.getattr_static(walker, name) is not inspect.getattr_static(Walker, name):
             yield f"{name} must not be overridden: it follows from the class attributes"
-    if walker.massless_feet and is_default(walker, "landing"):
-        yield "has massless feet, but does not define how they land: define landing"
     yield from _name_faults(walker)
     for name, field in walker.model_fields.items():
         why = _field_fault(name, field)

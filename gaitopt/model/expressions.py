@@ -344,7 +344,7 @@ class Expressions:
             after = self.walker.swapped(mode) if end == TOUCHDOWN else mode
             section = section_of(self.walker, before, after, end)
             p = self.eom.p if end != TOUCHDOWN else self.walker.step_parameters(self.eom.p)[-1]
-            z = z if section.stated else section.projected(z=z, p=p)["z_plus"]
+            z = section.projected(z=z, p=p)["z_plus"]
         return z
 
     def stopped_together(self, mode: Mode, after: Mode) -> SX:

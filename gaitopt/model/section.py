@@ -215,8 +215,12 @@ class Section:
     def projected(self) -> Function:
         """(z, p) -> z_plus: the state after one Newton step towards the section; p are the walker's parameters.
 
-        States of the section are not changed.
+        States of the section are not changed. If the class states the section, z_plus has the same coordinates there.
         """
+        if self.stated:
+            z, p = SX.sym("z", len(self._walker.state_names())), SX.sym("p", self._n_p)
+            lifted = stated_state(self._walker, z[self.every_step.indices.tolist()], p)
+            return Function("projected", [z, p], [lifted], ["z", "p"], ["z_plus"])
         z, change = SX(self._z), self._change
         for k, index in enumerate(self._solved):
             z[index] -= change[k]

@@ -85,8 +85,8 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     open_in_impact : the stops that are released before the impulse of the foot's impact rather than after it.
     switches : names of the switches; a switch triggers when its margin falls to zero, and all are off after an impact.
     flies : whether the walker leaves the ground; its steps then end with a flight.
-    massless_feet : whether feet, and the legs up to the bodies, have no mass. Such feet land without an impulse as
-        ``landing`` defines, cannot slip, and keep their position in flight.
+    massless_feet : whether feet, and the legs up to the bodies, have no mass. Such feet land without an impulse, cannot
+        slip, and keep their position in flight.
     lengths : the shape coordinates that are lengths [m] rather than angles [rad].
     pushes : whether the walker pushes off with its stance foot just before the swing foot lands; if contacts are named,
         the names of those that push off just before another one lands, if they are on the ground then.
@@ -181,7 +181,10 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     def landing(
         cls, q: SimpleNamespace, dq: SimpleNamespace, p: SimpleNamespace
     ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """Shape coordinates, and their rates, just after a massless foot has landed, from those just before."""
+        """Shape coordinates, and their rates, just after a massless foot has landed, from those just before.
+
+        By default the bodies move on as they did, and the shape is that of ``Mechanism.relabel``.
+        """
         raise NotImplementedError
 
     @classmethod

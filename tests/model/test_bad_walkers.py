@@ -248,7 +248,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "pushes a number": (CompassBiped, {"pushes": 1}, "pushes is 1, but must be True or False"),
     "pushes without push": (CompassBiped, {"pushes": True}, "pushes is True, but Mechanism.push is missing"),
     "push without pushes": (PushOffCompass, {"pushes": False}, "pushes is False, but Mechanism.push is given"),
-    "massless feet": (CompassBiped, {"massless_feet": True}, "has massless feet, but does not define how they land"),
+    "massless feet": (CompassBiped, {"massless_feet": True}, "its bodies cannot move on as they did when a foot lands"),
     "column as shape": (CompassBiped, {"shape": ("t", "theta2")}, "shape names t, which is another column"),
     "actuator as shape": (CompassBiped, {"actuators": ("theta1", "hip")}, "actuators names theta1, which is a coord"),
     "foot as shape": (CompassBiped, {"shape": ("theta1", "x")}, "shape names x or y"),

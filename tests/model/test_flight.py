@@ -1,7 +1,12 @@
 """Walkers that fly: runners and hoppers against closed forms and against equations written out by hand."""
 
+import json
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
+from casadi import cos, pi, sin
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
@@ -9,6 +14,9 @@ import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.gait.measures import observe
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.walkers.slip_runner import SlipRunner
+from gaitopt.problem.statement import problem_data
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from tests.named import named, verification
 
@@ -69,6 +77,33 @@ def test_runner_returns_to_its_apex_as_a_spring_mass_model_does(rate: float, hei
     assert gait.multipliers == pytest.approx([slope], abs=1e-6)  # a central difference
     assert slope == pytest.approx(multiplier, abs=1e-3)
     assert gait.measures["required_friction"] == pytest.approx(1 / np.tan(attack), rel=1e-9)
+
+
+class LandingRunner(SlipRunner):
+    """The runner with the closed form of its landing: only the velocity across the leg counts, and the energy."""
+
+    model = "landing_runner"
+
+    @classmethod
+    def landing(cls, q: SimpleNamespace, dq: SimpleNamespace, p: SimpleNamespace) -> Any:
+        """The velocity of the body in polar coordinates about the new foot."""
+        leg, theta = p.leg_length - q.shortening, p.attack - pi / 2
+        along = -dq.shortening * sin(q.theta) + leg * dq.theta * cos(q.theta)
+        up = -dq.shortening * cos(q.theta) - leg * dq.theta * sin(q.theta)
+        free = SimpleNamespace(dtheta=(along * cos(theta) - up * sin(theta)) / p.leg_length)
+        return cls.after_impact(free, p), cls.rates_after_impact(free, p)
+
+
+def test_a_massless_foot_lands_without_a_change_of_the_motion_of_the_body() -> None:
+    gait = go.solve("slip-run", progress=False)
+    data = problem_data(gait.problem)
+    data["walker"]["model"] = LandingRunner.model
+    same = go.solve(go.parse_problem(json.dumps(data), walkers=[LandingRunner]), progress=False)
+    assert same.period == pytest.approx(gait.period, rel=1e-13)
+    assert same.multipliers == pytest.approx(gait.multipliers, rel=1e-11)
+    struck, before = SlipRunner.swapped(Mode.STICK), gait.arcs[-1].states[-1]
+    landings = [each.dynamics.after_impact(struck, before, Mode.FLIGHT) for each in (gait, same)]
+    np.testing.assert_allclose(*landings, atol=1e-13)
 
 
 def test_a_massless_foot_needs_the_friction_of_its_angle_of_attack() -> None:

@@ -66,21 +66,6 @@ class SlipRunner(Walker):
         return (coil(on_ground, body, 0.08 * p.leg_length),)
 
     @classmethod
-    def landing(
-        cls, q: SimpleNamespace, dq: SimpleNamespace, p: SimpleNamespace
-    ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """The velocity of the body is continuous; its component along the leg follows from the energy."""
-        leg = p.leg_length - q.shortening
-        velocity = vertcat(
-            -dq.shortening * sin(q.theta) + leg * dq.theta * cos(q.theta),
-            -dq.shortening * cos(q.theta) - leg * dq.theta * sin(q.theta),
-        )
-        theta = p.attack - pi / 2
-        dtheta = (velocity[0] * cos(theta) - velocity[1] * sin(theta)) / p.leg_length
-        free = SimpleNamespace(dtheta=dtheta)
-        return cls.after_impact(free, p), cls.rates_after_impact(free, p)
-
-    @classmethod
     def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
         """The leg has its full length and the angle of attack."""
         return (p.attack - pi / 2, 0.0)
