@@ -25,9 +25,10 @@ from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.integration import CompiledStep, Integration
 from gaitopt.model.buffered import Buffers, buffered
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
-from gaitopt.model.transitions import CONE, Transition
+from gaitopt.model.modes import FOOT, SWING_FOOT
+from gaitopt.model.transitions import CONE
 from gaitopt.simulation.ground import OnTiles
+from gaitopt.verification.return_map import event_at_end
 
 RTOL, ATOL = 1e-12, 1e-13
 """Tolerances of the deviations, whose entries are of the order of one in SI."""
@@ -98,14 +99,14 @@ def step_derivatives(step: Step, dynamics: Dynamics, places: Sequence[int]) -> S
             outputs[2, n:] += gradient[n:]
         first = Z
         Z = _flowed(dynamics, arc, Z, arc.end, at)
-        row, struck = _event(arc, after, step.final_impact.mode)
+        if after is not None and after.segment != arc.segment:  # a breakpoint of the control has a fixed time
+            continue
+        row, struck = event_at_end(arc, after, step.final_impact.mode)
         z, p, data = arc.states[-1], dynamics.p, system.data(arc.segment)
         f, by_z, rates = (value.copy() for value in buffered(system.linearized(arc.mode))(arc.end, z, p, data))
         names = system.transitions.margin_names(arc.mode)
         (by_p,) = (value.copy() for value in buffered(system.margins_by_parameters(arc.mode, at))(arc.end, z, p, data))
         by_z, by_p = by_z.reshape((len(names), n), order="F"), by_p.reshape((len(names), m), order="F")
-        if row is None:  # a breakpoint of the control has a fixed time
-            continue
         g = names.index(row.guard)
         tau = -(by_z[g] @ Z + np.concatenate([np.zeros(n), by_p[g]])) / rates[g]
         if cone is not None and sticks and cone[0] is arc:
@@ -150,22 +151,6 @@ def _flowed(dynamics: Dynamics, arc: Arc, Z: Array, end: float, places: tuple[in
     while not integration.finished:
         integration.advance()
     return np.asarray(integration.y[system.n_z :].reshape(Z.shape, order="F"))
-
-
-def _event(arc: Arc, after: Arc | None, impact: Mode) -> tuple[Transition | None, Mode | None]:
-    """The transition at the end of an arc, and the mode after its impact with the names before it; None if absent."""
-    table, walker = arc.dynamics.system.transitions, arc.dynamics.system.walker
-    if after is not None and after.segment != arc.segment:
-        return None, None
-    if after is None:
-        landed = walker.swapped(impact)
-        return table.between(arc.mode, None, landed), landed
-    struck = None if after.struck is None else table.struck_within(after.struck)
-    row = table.between(arc.mode, after.mode, struck)
-    if struck is None and row.reset is not None:  # a stop locks
-        slides = after.states[0][-1] or not after.mode.touching
-        struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
-    return row, struck
 
 
 def _highest(arcs: Sequence[Arc]) -> tuple[Arc, float] | None:

@@ -29,7 +29,7 @@ from gaitopt.model.dynamics import projection, saltation
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN, Section
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import margin_unit
+from gaitopt.model.transitions import Transition, margin_unit
 from gaitopt.simulation.simulator import Simulator
 
 AT_EVENT = 1e-9
@@ -396,6 +396,26 @@ def _swapped(system: HybridSystem, impact: Mode) -> Mode:
     return system.walker.swapped(impact) if system.cycle_end == TOUCHDOWN else impact
 
 
+def event_at_end(arc: Arc, after: Arc | None, impact: Mode) -> tuple[Transition, Mode | None]:
+    """The row of the event at the end of an arc, and the mode just after its impact; None if the state is continuous.
+
+    Parameters
+    ----------
+    after : the next arc of the step; None if the step ends with ``impact``.
+
+    Returns
+    -------
+    struck : with the names that the contacts have before the impact.
+    """
+    system = arc.dynamics.system
+    struck = _swapped(system, impact) if after is None else _struck(system, after)
+    row = system.transitions.between(arc.mode, None if after is None else after.mode, struck)
+    if after is not None and struck is None and row.reset is not None:  # a stop locks
+        slides = after.states[0][-1] or not after.mode.touching
+        struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
+    return row, struck
+
+
 def _event_matrices(arc: Arc, after: Arc | None, impact: Mode) -> tuple[Array, Array]:
     """Matrices by which the event at the end of an arc maps deviations; the step ends with ``impact``.
 
@@ -404,8 +424,7 @@ def _event_matrices(arc: Arc, after: Arc | None, impact: Mode) -> tuple[Array, A
     """
     system, p, z = arc.dynamics.system, arc.dynamics.p, arc.states[-1]
     n_u = 0 if system.correction is None else len(system.correction.keys)
-    data, struck = system.data(arc.segment), _swapped(system, impact) if after is None else _struck(system, after)
-    transition = system.transitions.between(arc.mode, None if after is None else after.mode, struck)
+    data, (transition, struck) = system.data(arc.segment), event_at_end(arc, after, impact)
     if transition.guard == CLOCK:
         return np.eye(z.size), np.zeros((z.size, n_u))
     row = system.transitions.margin_names(arc.mode).index(transition.guard)
@@ -423,10 +442,6 @@ def _event_matrices(arc: Arc, after: Arc | None, impact: Mode) -> tuple[Array, A
         reset = _matrix(system.reset_jacobian(struck, arc.mode, ends_step=False), z, p).copy()
     elif system.transitions.stops_in_turn(arc.mode, after.mode):
         reset = _matrix(system.stopped_together_jacobian(arc.mode, after.mode), arc.end, z, p, data).copy()
-    elif transition.reset is not None:  # a stop locks
-        slides = after.states[0][-1] or not after.mode.touching
-        struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
-        reset = _matrix(system.reset_jacobian(struck, arc.mode, ends_step=False), z, p).copy()
     jump = flow_after - (flow if reset is None else reset @ flow)
     return saltation(flow, flow_after, gradient, rate, reset), jump.reshape(-1, 1) @ by_changes
 

@@ -210,10 +210,3 @@ def test_families_change_modes_at_the_strike():
     change = branch.special("mode_change")[0] if branch.special("mode_change") else None
     assert change is not None
     assert change.value == pytest.approx(0.282108744, abs=1e-8)
-
-
-def test_what_stops_cannot_do_yet_is_said():
-    pytest.importorskip("flint")
-    (claim,) = go.prove(named("kneed-passive")).claims
-    assert (claim.proved, claim.name) == (False, "statement")
-    assert "joint stops" in claim.words
