@@ -10,6 +10,7 @@ import sys
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.pop("COLUMNS", None)  # of the terminal that the suite runs in; what is printed here goes to pipes
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # the many processes of the suite share their compiled modules
 
 import dask
 import pytest
@@ -17,6 +18,7 @@ from hypothesis import settings
 
 from gaitopt.cli.main import main
 
+sys.dont_write_bytecode = False
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of a shell; commands inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
