@@ -9,7 +9,7 @@ import gaitopt as go
 
 if __name__ == "__main__":  # the branches are computed in several processes
     over = {"friction": (0.05, 0.35), "walker.slope": ("0.2 deg", "5 deg")}
-    atlas = go.atlas("compass-passive-a", over, refinements=2, output="compass")
+    atlas = go.atlas("compass-passive-a", over, output="compass")
     print(atlas)
     places = {junction.name: junction.values for junction in atlas.arrangement.junctions if not junction.within}
     friction, slope = places["resonance_1_2"]
@@ -18,6 +18,7 @@ if __name__ == "__main__":  # the branches are computed in several processes
     largest = atlas.arrangement.regions[0]
     assert (largest.words, largest.unstable) == ("stick; stick", 0)
     assert abs(largest.area / atlas.area - 0.40) < 0.005
+    assert abs(sum(region.area for region in atlas.arrangement.regions) / atlas.area - 1) < 1e-9
 
     figure = atlas.plot().figure
     figure.savefig("atlas.png", dpi=160)

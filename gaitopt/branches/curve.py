@@ -19,7 +19,7 @@ from gaitopt.branches.codimension_two import DEGENERATE, curve_tests, degeneracy
 from gaitopt.branches.conditions import Condition, Conditioned, ConditionedEquations
 from gaitopt.branches.monitors import MonitorKey, MonitorValue, TestFunction, monitor_values, test_functions
 from gaitopt.branches.normal_forms import LocalMap, local_map
-from gaitopt.errors import SolveError
+from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import ContinuationState
 from gaitopt.gait.gait import Gait
 from gaitopt.model.cycle import Cycle
@@ -237,7 +237,10 @@ class CurvePoint:
         """The zero of ``function`` on the step of the given arclength from here to ``after``."""
 
         def step(part: float) -> "CurvePoint | None":
-            point = self.step(part)
+            try:
+                point = self.step(part)
+            except ProblemError:  # Newton's method has left the range that the problem allows
+                return None
             return point if point is not None and point.is_regular else None
 
         return located(self, after, length, step, function)

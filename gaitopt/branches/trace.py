@@ -172,7 +172,10 @@ def doubled_margin(point: CurvePoint, key: MonitorKey) -> CurveStart | None:
         shift = -distance * by_apart / by_along
         predicted = lifted(at.w + shift * along) + distance * apart
         normal = doubled.solutions.coordinates(predicted - origin.w)
-        found = doubled.with_gait(doubled.solutions.across(predicted, normal / np.linalg.norm(normal)))
+        try:
+            found = doubled.with_gait(doubled.solutions.across(predicted, normal / np.linalg.norm(normal)))
+        except ProblemError:  # out of range
+            continue
         if found is None or halved_cycle(found.gait) is not None:
             continue
         if all(m.value > -SILENT for k, m in found.monitors.items() if k != key):
@@ -316,7 +319,10 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             gait.problem, self.request.parameter, self.metric, retraced(gait), intervals,
             others=(self.first,), condition=condition_of(self.start.to_record()),
         )  # fmt: skip
-        point = curve.start(w, curve.solutions.ahead(self.sign))
+        try:
+            point = curve.start(w, curve.solutions.ahead(self.sign))
+        except ProblemError:  # Newton's method has left the range that the problem allows
+            point = None
         name = "margin" if self.start.margin is not None else self.start.type
         if point is None:
             raise SolveError(f"{gait.problem.name}: the {name} cannot be traced: Newton's method fails at its gait")
@@ -410,6 +416,8 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             local, kappa = location.point.local, self._condition.kappa
             values = (at.curve_test(name, here) for at in (location.point, here, point))
             if not is_zero(*values) or (not self.index and location.length < BESIDE):  # or the point that it begins at
+                continue
+            if location.point.at.durations.min() < 0:  # of a phase that vanishes at the end of the step
                 continue
             if name.endswith("_neimark_sacker") and not others_are_complex(local, self.kind, kappa):
                 continue

@@ -109,7 +109,8 @@ def phase_record(mode: Mode, duration: float, *, timed: bool = False, struck: Mo
     struck : the mode just after the impact of a named contact, if the phase begins with one.
     """
     remarks = ({UNTIL: BREAKPOINT} if timed else {}) | ({} if struck is None else {IMPACT: struck.words})
-    return cast(PhaseRecord, {**mode.record, "duration": duration, **remarks})
+    # where a phase vanishes, rounding may make its duration negative
+    return cast(PhaseRecord, {**mode.record, "duration": max(duration, 0.0), **remarks})
 
 
 def phase_records(step: "Step", timed: Container[int] = (), first: int = 0) -> list[PhaseRecord]:

@@ -15,7 +15,7 @@ Families of doubled gaits, which begin at a period doubling of another family, a
 their own.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import SequenceMatcher
 from functools import partial
@@ -450,7 +450,7 @@ def _arranged(slices: Sequence[Slice], span: tuple[float, float], traces: Sequen
     return Arrangement(
         regions=(
             *sorted(found, key=lambda region: -region.area),
-            *_outside(slices, span, partial(_side, links, paths), traces, sizes),
+            *_outside(slices, span, links, paths, traces, sizes),
         ),
         curves=tuple(curves),
         junctions=tuple(junctions),
@@ -807,7 +807,8 @@ def _name(types: Sequence[str], count: int) -> str:
 def _outside(
     slices: Sequence[Slice],
     span: tuple[float, float],
-    boundary: Callable[[Node, Node], Array],
+    links: Mapping[Node, Node],
+    paths: Mapping[tuple[Node, bool], Array],
     traces: Sequence[Traced],
     sizes: Array,
 ) -> Iterator[Region]:
@@ -831,7 +832,11 @@ def _outside(
                 for kind, node in zip(kinds, nodes, strict=True)
             )
             corners = np.array([(edge, second.value), (edge, first.value)])
-            pieces[NO_GAIT if ended else UNKNOWN].append(np.concatenate([boundary(*nodes), corners]))
+            up, down = paths.get((nodes[0], True)), paths.get((nodes[1], False))
+            joined = up is not None and down is not None and np.abs((up[-1] - down[-1]) / sizes).max() < SAME_PLACE
+            closed = links.get(nodes[0]) == nodes[1] or joined
+            boundary = np.concatenate([_side(links, paths, *nodes), corners])
+            pieces[NO_GAIT if ended and closed else UNKNOWN].append(boundary)
     for words, polygons in pieces.items():
         if polygons:
             yield Region(words=words, unstable=None, sheet=-1, pieces=tuple(polygons))

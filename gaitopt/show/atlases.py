@@ -51,8 +51,8 @@ NAMES = {
     "resonance_1_1": "1:1", "resonance_1_2": "1:2", "resonance_1_3": "1:3", "resonance_1_4": "1:4",
     "fold_flip": "fold–flip", "generalised_flip": "generalised flip", "chenciner": "Chenciner", "cusp": "cusp",
     "fold_neimark_sacker": "fold–NS", "flip_neimark_sacker": "flip–NS", "double_neimark_sacker": "double NS",
-    "margin_crossing": "margins cross", "margin_fold": "fold on a margin",
-    "margin_period_doubling": "doubling on a margin", "margin_neimark_sacker": "NS on a margin",
+    "margin_crossing": "margins", "margin_fold": "fold–margin", "margin_period_doubling": "flip–margin",
+    "margin_neimark_sacker": "NS–margin",
 }  # fmt: skip
 """Names of codimension-two points beside their markers; NS stands for Neimark-Sacker."""
 AWAY = (1.0, 2.0, 3.5, 6.0, 9.0, 13.0, 18.0)
@@ -99,7 +99,8 @@ def atlas_figure(atlas: Atlas, name: str = REGIONS) -> Figure:
     axes.set_xlabel(str(axis_label(first, atlas)))
     axes.set_ylabel(str(axis_label(second, atlas)))
     texts = [point_name(junction) for junction in points]
-    write_beside(axes, [(text, *place) for text, place in zip(texts, places, strict=True)], AWAY, LETTER)
+    marks = sorted(zip(texts, places, strict=True), key=lambda mark: len(mark[0]))  # long names find room last
+    write_beside(axes, [(text, *place) for text, place in marks], AWAY, LETTER)
     words = {region.words: Patch(facecolor=tints[region.words], edgecolor=NEUTRAL, linewidth=0.5) for region in shown}
     for text, patch in words.items():
         patch.set_label(text.replace("_", " "))

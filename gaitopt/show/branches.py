@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
@@ -217,6 +218,8 @@ def write_beside(
 ) -> None:
     """Write texts beside marks, over no mark, text or curve; not where there is no room. An empty text is none.
 
+    A text whose size is given is always written, if need be over as little of the curves as possible.
+
     Parameters
     ----------
     marks : text and place of every mark.
@@ -238,17 +241,18 @@ def write_beside(
             if any(np.all((low < top) & (bottom < high)) for bottom, top in taken):
                 continue
             if np.all(low >= VALUE_REGION[0]) and np.all(high <= VALUE_REGION[1]):
-                covered = np.all((low < curves) & (curves < high), axis=1)
-                if not covered.any():
-                    options.append((distance, side, low, high))
+                covered = int(np.all((low < curves) & (curves < high), axis=1).sum())
+                if not covered or letter is not None:
+                    options.append((covered, distance, side, low, high))
         if options:
-            distance, (right, up), low, high = options[0]  # as close to its mark as there is room
+            _, distance, (right, up), low, high = min(options, key=lambda option: option[0] + option[1])
             taken.append((low, high))
             leader = {"arrowstyle": "-", "color": NEUTRAL, "linewidth": 0.6} if distance > DISTANCES[-1] else None
             axes.annotate(
                 text, (value, height), xytext=(7 * distance * right, 5 * distance * up), textcoords="offset points",
-                ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top", fontsize="small", color=NEUTRAL,
-                arrowprops=leader,
+                ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top", fontsize="small",
+                color=NEUTRAL if letter is None else "black", arrowprops=leader,
+                path_effects=[] if letter is None else [withStroke(linewidth=2, foreground="white")],
             )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Special points followed in two parameters, against closed forms, branches in one parameter and each other."""
 
 import json
+import re
 from functools import cache
 from itertools import islice
 from math import cos, pi, radians, sin, sqrt
@@ -260,6 +261,21 @@ def test_a_branch_point_of_equal_halves_is_traced_as_the_period_doubling_of_one_
     curve = trace(point, SLOPE, radians(1.01), max_points=3, progress=False)
     assert curve.points[0].values["friction"] == pytest.approx(doubling().value, rel=0, abs=AGREEMENT)
     assert all(len(point.gait.steps) == 1 for point in curve)
+
+
+@pytest.mark.slow
+def test_a_bifurcation_curve_ends_where_the_multipliers_jump_and_names_both_spectra():
+    """Where the impact begins to slip, the gait loses the multiplier -1; the margin goes on from there."""
+    flips = special("compass-passive-a", "period_doubling", "friction", 0.08)
+    curve = trace(flips, SLOPE, radians(0.6), verify_every=0, progress=False)
+    meeting, end = curve.specials[-2:]
+    assert (meeting.type, end.type, end.codimension, end.status) == ("margin_period_doubling", "end", 2, "converged")
+    assert meeting.values == pytest.approx(end.values)
+    assert np.degrees(meeting.values[SLOPE]) == pytest.approx(0.702778337, abs=1e-6)
+    before, after = re.search(r"the multipliers jump there: (.+) before, (.+) after", end.reason).groups()
+    assert "-1" in before.split(", ")
+    assert "-1" not in after.split(", ")
+    assert meeting.next[0].type == "margin"
 
 
 @pytest.mark.slow
