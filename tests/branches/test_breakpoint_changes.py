@@ -127,6 +127,7 @@ def test_a_foot_that_would_slip_before_the_jump_leaves_the_breakpoint_earlier():
         assert special.status == "converged"
 
 
+@pytest.mark.slow
 def test_a_slip_that_a_jump_starts_may_begin_with_no_duration_at_all():
     """During a push backward at 0.4 s the ratio of the forces falls, so that the foot slips at once or never."""
     system = staircase((0.4, 0.42), 0, -20, 0)

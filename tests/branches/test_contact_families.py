@@ -134,6 +134,7 @@ def sled_gait(friction: float) -> Gait:
     return solve(problem.with_modes(Cycle((step.sequence,)), settled, durations).from_guess())
 
 
+@pytest.mark.slow
 def test_a_slip_crosses_the_section_and_the_family_goes_on() -> None:
     """Both halves of the cycle of this sled are alike: one changes where the other crosses the end of the clock."""
     branch = continuation(sled_gait(0.4), "friction", to=0.39)

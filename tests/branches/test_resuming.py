@@ -82,6 +82,7 @@ def test_a_branch_killed_after_any_line_goes_on_as_without_the_kill(name):
         check_cut(name, lines)
 
 
+@pytest.mark.slow
 def test_a_branch_goes_on_where_more_points_are_allowed_and_is_the_same():
     first = list(walked("wheel", max_points=5))
     ends = [record for record in first if record.get("type") == "end"]
@@ -116,6 +117,7 @@ def test_a_branch_goes_on_where_a_slip_has_just_appeared():
     assert specials[-1]["bound"]
 
 
+@pytest.mark.slow
 def test_every_point_is_as_precise_as_its_confirmation_demands():
     request = replace(BRANCHES["stick"][1], to=(0.145,), verify_every=1)
     records = [record.to_record() for record in follow_family(named("compass-torque-stick"), request)]

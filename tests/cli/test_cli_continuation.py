@@ -204,6 +204,7 @@ def test_interrupt_keeps_what_was_found(run, monkeypatch):
     assert len(stored()) == 4
 
 
+@pytest.mark.slow
 def test_other_branches_through_a_special_point_are_followed(run):
     near = (
         "walker.slope=5.345 deg",

@@ -160,6 +160,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(run, empty_fo
     assert "file" in err
 
 
+@pytest.mark.slow
 def test_a_stored_walk_is_drawn_animated_and_reported(run, empty_folder):
     start = ["--state", "theta1=-0.15,dtheta1=0.72", "--steps", "9", "-o", "walk", "--quiet"]
     assert run("simulate", "compass-passive-a", *start)[0] == 0

@@ -140,6 +140,7 @@ def unequal() -> go.Gait:
     return legs(4.4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [0.002, 0.01])
 def test_no_other_hip_torque_is_cheaper_with_unequal_legs(unequal: go.Gait, shift: float) -> None:
     ankle = {"type": "constant_torque", "ankle": TORQUES["control"]["ankle"]}

@@ -171,6 +171,7 @@ def test_kinetic_friction_is_followed_up_to_static_friction_and_no_further(gait)
     assert (end.type, end.status, end.reason) == ("end", "converged", "reached friction.kinetic = 0.15")
 
 
+@pytest.mark.slow
 def test_one_coefficient_becomes_two_where_one_of_them_is_varied():
     gait = go.solve(go.load_problem("compass-passive-a"))
     points = go.continuation(gait, "friction.static", 0.141).points

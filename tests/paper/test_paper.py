@@ -140,6 +140,7 @@ def test_a_second_reproduction_computes_nothing(tmp_path):
     assert len(said) == 2  # solved once, continued once
 
 
+@pytest.mark.slow
 def test_an_interrupted_family_resumes_and_ends_the_same(tmp_path):
     problem, polls = problem_of("B"), iter(range(1000))
     whole = Archive(tmp_path / "whole").family(problem, (0.13,))

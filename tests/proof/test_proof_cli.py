@@ -120,6 +120,7 @@ def test_a_parameter_may_be_an_interval(run, empty_folder):
     assert "--set friction" in err
 
 
+@pytest.mark.slow
 def test_an_interval_of_angles_has_one_unit_and_is_printed_with_it(run, empty_folder):
     code, out, _ = run("prove", "rimless-wheel-stick", "--set", "walker.slope=13 deg..13.0001 deg", "--quiet")
     assert code == 0

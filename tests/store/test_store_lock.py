@@ -121,6 +121,7 @@ def test_of_several_problems_for_one_folder_one_wins(tmp_path, count):
     assert Run(tmp_path / "run").manifest().hash == winner.digest
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="an open file cannot be deleted elsewhere")
 def test_a_sweep_whose_folder_is_deleted_ends_with_6(tmp_path):
     command = ["sweep", WHEEL, "--over", "friction=0.3:0.5:400", "--workers", "1", "-o", "run", "--quiet"]

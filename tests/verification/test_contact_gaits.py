@@ -76,6 +76,7 @@ def test_a_record_holds_the_gait(name: str) -> None:
     assert solve(again.with_gait(record)).state == pytest.approx(gait.state, abs=1e-11)
 
 
+@pytest.mark.slow
 def test_a_stiff_motion_is_integrated_again_in_as_small_steps_as_it_needs() -> None:
     gait = named("flat-foot")
     (step,) = integrated_steps(gait.dynamics, json.loads(json.dumps(gait.to_record())))

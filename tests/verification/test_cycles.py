@@ -102,6 +102,7 @@ def test_phases_are_counted_through_the_steps():
     assert str(cycle) == "stick, slip_forward; slip_forward | slip_forward, stick; stick"
 
 
+@pytest.mark.slow
 def test_the_record_has_every_step(run, empty_folder, gait):
     code, out, _ = run("solve", NAME, "--json")
     assert code == 0
