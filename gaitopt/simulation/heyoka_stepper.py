@@ -16,7 +16,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.simulation.engine import MAX_ARC_STEPS, NOT_FINITE, Stepper
 from gaitopt.simulation.events import EDGE, INSTANT, Point, coincides, is_armed, lift, priority, refine, smallest_lift
-from gaitopt.simulation.heyoka_code import VARIATIONAL_TOLERANCE, Integrator, integrator
+from gaitopt.simulation.heyoka_code import CORRECTED_TOLERANCE, VARIATIONAL_TOLERANCE, Integrator, integrator
 
 
 class HeyokaStepper(Stepper):
@@ -90,7 +90,9 @@ class HeyokaStepper(Stepper):
                 compiled = integrator(natural.functions.flow(mode), precision=self._precision, unrolled=False)
             else:
                 function = natural.functions.variational(mode, columns)
-                compiled = integrator(function, unrolled=False, tolerance=VARIATIONAL_TOLERANCE)
+                corrected = natural.system.correction is not None
+                tolerance = CORRECTED_TOLERANCE if corrected else VARIATIONAL_TOLERANCE
+                compiled = integrator(function, unrolled=False, tolerance=tolerance)
             # keep the views of its memory, because heyoka is slow to make them
             self._integrators[key] = compiled, compiled.taylor.state, compiled.taylor.pars, {}
         compiled, memory, pars, constants = self._integrators[key]

@@ -13,23 +13,33 @@ Feedback from step to step changes parameters u of the control with the state at
 that B u_k is added to the next state and D u_k to the output.
 """
 
+from math import ceil
+
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.measures import measure, observe, touching_contacts
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.lagrangian import TRAILING
 from gaitopt.model.modes import SWING_FOOT
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import FLOOR
-from gaitopt.problem.floor import QUANTITIES
+from gaitopt.problem.floor import QUANTITIES, Floor
 from gaitopt.simulation.ground import OnTiles
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.uncertainty.derivatives import OUTPUTS, StepDerivatives, step_derivatives, tile_parameters
+from gaitopt.verification.return_map import extrapolated
 
 NEGLIGIBLE = 1e-30
 """The sum of squares has converged once a term, relative to the sum, is below this number."""
+FORGOTTEN, SMALLEST_RADIUS, MOST_WALKED = 1e-8, 0.1, 400
+"""A walk over a changed tile ends where this part of its deviation is left; smallest radius that counts, and largest
+number of steps."""
+ENOUGH = 1e-7
+"""Estimated error of a difference of walks, in SI, at which no smaller change is tried."""
 MOST_STEPS = 1_000_000
 """Largest number of steps that are summed."""
 Norms = dict[str, dict[str, float | None]]
@@ -39,13 +49,16 @@ def sensitivity_norm(gait: Gait) -> Norms:
     """The norm from a unit change of friction, height [m] and slope [rad] of a tile to each of ``OUTPUTS``, in SI.
 
     An entry is None where there is no derivative: if the step grazes an event, for the distance to the cone of a gait
-    that slips, and for quantities that the floor of this walker cannot have.
+    that slips, and for quantities that the floor of this walker cannot have. The derivatives are exact for a walker on
+    one foot. For several contacts they are extrapolated from differences of walks.
     """
     none: Norms = {quantity: dict.fromkeys(OUTPUTS) for quantity in QUANTITIES}
     system = gait.system
-    if not system.walker.stands_on_one() or system.cycle_end != TOUCHDOWN:
-        return none
     known = [name for name in QUANTITIES if _has(gait, name)]
+    if not system.walker.stands_on_one():
+        return none | {quantity: norm_of_walks(gait, quantity) for quantity in known}
+    if system.cycle_end != TOUCHDOWN:
+        return none
     on_tiles = OnTiles(gait.dynamics, drops=False, uneven=known != ["friction"])
     steps = Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True).steps
     uses = {quantity: tile_parameters(on_tiles, quantity) for quantity in known}
@@ -71,6 +84,61 @@ def sensitivity_norm(gait: Gait) -> Norms:
             for name, square in zip(OUTPUTS, squares, strict=True)
         }
     return none
+
+
+def norm_of_walks(gait: Gait, quantity: str) -> dict[str, float | None]:
+    """The norm from a quantity of a tile to each of ``OUTPUTS``, from differences of walks over one changed tile."""
+    cycle, dynamics = len(gait.steps), gait.dynamics
+    decay = max(gait.spectral_radius or 0.0, SMALLEST_RADIUS) ** (1 / cycle)
+    count = 2 * cycle + min(MOST_WALKED, ceil(np.log(FORGOTTEN) / np.log(decay)))
+    pairs = dynamics.system.contact_coefficients(dynamics.p).values()
+    coefficients = {(float(static), float(kinetic)) for static, kinetic, _ in pairs}
+    if quantity == "friction" and len(coefficients) != 1:
+        return dict.fromkeys(OUTPUTS)
+    nominal = [*next(iter(coefficients))] if quantity == "friction" else [0.0, 0.0]
+    unit = {"friction": 1.0, "height": dynamics.scales.length, "slope": 1.0}[quantity]
+    phases = [step.phases for step in gait.steps]
+    defined = np.isfinite([_outputs(step) for step in gait.motion]).all(axis=0)
+
+    def outputs(tile: int, change: float) -> Array | None:
+        """Outputs of all steps in a walk with one changed tile, in one row; None if the walk has other modes."""
+        values = [nominal] * tile + [[each + change for each in nominal], nominal]
+        floor = Floor.from_record({quantity: values if quantity == "friction" else [value for value, _ in values]})
+        walk = Simulator(dynamics, floor=floor).run(gait.state, steps=count, dense=True)
+        modes = [[mode for mode, _ in step.phases] for step in walk.steps]
+        if len(modes) < count or any(m != [mode for mode, _ in phases[k % cycle]] for k, m in enumerate(modes)):
+            return None
+        return np.array([_outputs(step) for step in walk.steps])[:, defined].ravel()
+
+    squares = []
+    for tile in range(cycle, 2 * cycle):
+
+        def central(h: float, tile: int = tile) -> Array | None:
+            ahead, behind = outputs(tile, h * unit), outputs(tile, -h * unit)
+            return None if ahead is None or behind is None else (ahead - behind) / (2 * h * unit)
+
+        changes, _ = extrapolated(central, power=2, goal=ENOUGH)
+        if changes is None:
+            return dict.fromkeys(OUTPUTS)
+        squares.append((changes.reshape(count, -1) ** 2).sum(axis=0))
+    norms = dict(zip(np.array(OUTPUTS)[defined].tolist(), np.sqrt(np.mean(squares, axis=0)).tolist(), strict=True))
+    return {name: norms.get(name) for name in OUTPUTS}
+
+
+def _outputs(step: Step) -> list[float]:
+    """The ``OUTPUTS`` of a step; NaN for the distance to the cone where a contact slips."""
+    measures, distance = measure([step]), np.inf
+    for arc in step.arcs:
+        friction = arc.dynamics.contact_friction
+        for contact in touching_contacts(arc, observe(arc)):
+            if contact.direction or len(contact.names) > 1:
+                distance = np.nan
+                continue
+            f_t, f_n = contact.force.T
+            margins = (friction[contact.names[0]] * f_n - sign * f_t for sign in (-1, 1))
+            distance = min(distance, *(-curves.maximum(-margin)[1] for margin in margins))
+    values = {**measures, "cone_distance": distance}
+    return [np.nan if values[name] is None else float(values[name] or 0.0) for name in OUTPUTS]
 
 
 def _squares(linear: list[StepDerivatives], weights: dict[str, Array], n: int, feedback: Array) -> Array:

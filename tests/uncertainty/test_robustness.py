@@ -27,7 +27,7 @@ from gaitopt.uncertainty.derivatives import OUTPUTS
 from gaitopt.uncertainty.falls import COUNTED, PARTICLES, count_falls, mean_steps, metastable_eigenvalue
 from gaitopt.uncertainty.interval import stable_interval
 from gaitopt.uncertainty.limits import limit, nearest_failure, patch_limit, push_limit
-from gaitopt.uncertainty.norm import sensitivity_norm
+from gaitopt.uncertainty.norm import norm_of_walks, sensitivity_norm
 from gaitopt.verification.tiled_walks import TiledWalks
 
 needs_heyoka = pytest.mark.skipif(not is_installed(), reason="many walks need heyoka")
@@ -126,6 +126,34 @@ def test_the_sensitivity_norm_is_that_of_differences_of_walks(name, quantity):
         squares.append((changes**2).sum(axis=0))
     norms = [sensitivity_norm(gait)[quantity][OUTPUTS[k]] for k in known]
     assert norms == pytest.approx(np.sqrt(np.mean(squares, axis=0)), rel=1e-3, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [
+        ("rimless-wheel-stick", "height"),
+        pytest.param("compass-passive-a", "friction", marks=pytest.mark.slow),
+        pytest.param("compass-unequal", "slope", marks=pytest.mark.slow),
+    ],
+)
+def test_the_norm_from_differences_of_walks_has_the_exact_derivatives(name, quantity):
+    """The norm of walkers with several contacts, of walkers on one foot, whose derivatives are exact."""
+    exact, from_walks = sensitivity_norm(named(name))[quantity], norm_of_walks(named(name), quantity)
+    for output in OUTPUTS:
+        assert (exact[output] is None) == (from_walks[output] is None)
+        assert exact[output] is None or from_walks[output] == pytest.approx(exact[output], rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_walker_with_heels_and_toes_has_a_sensitivity_norm():
+    """Of height, from a plain simulation of a walk over one tile that is a little higher."""
+    gait, h = named("heel-toe"), 1e-6
+    periods = [
+        [step.period for step in simulate(gait, steps=40, floor=Floor(height=[0, rise, 0])).trajectory.steps]
+        for rise in (h, -h)
+    ]
+    change = np.subtract(*periods) / (2 * h)
+    assert sensitivity_norm(gait)["height"]["period"] == pytest.approx(np.sqrt((change**2).sum()), rel=1e-5)
 
 
 def test_the_distance_to_the_cone_of_a_wheel_has_its_closed_form():
