@@ -188,7 +188,7 @@ def solve(
             gait = single.solve(
                 guessed, start=begin, method=wanted, limits=limits, progress=show, should_stop=should_stop
             )
-        gait = gait if begin is start else replace(gait, problem=loaded)
+        gait = gait if begin is start else replace(gait, problem=loaded.at_own_value())
         if output and gait.converged:
             gait = gait.verified(verify(gait).to_record())
             save(gait, folder or _folder(gait.problem, output))

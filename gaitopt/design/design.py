@@ -9,15 +9,15 @@ sequential quadratic programming in v only solves the exact problem (``exact``, 
 until the gait is resolved.
 """
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitopt.callbacks import Stop, Valued
-from gaitopt.design.exact import RADIUS, SMALL, ExactProblem, freed_sizes
+from gaitopt.design.exact import RADIUS, SMALL, WORST, Evaluation, ExactProblem, freed_sizes
 from gaitopt.design.smoothed import SmoothedProblem, conflicts
-from gaitopt.design.sqp import optimise
+from gaitopt.design.sqp import LARGEST_VIOLATION, SearchResult, kkt_residual, optimise
 from gaitopt.gait.gait import Cause, Gait, Status, best_point, describe_causes
 from gaitopt.gait.measures import exceeded_limits
 from gaitopt.model.dynamics import Dynamics
@@ -43,8 +43,57 @@ COALESCENCE = 1e-3
 AT_THE_EDGE = 1e-8
 """An optimum is at the edge of an impact that would stick if the margin, in natural units, is smaller: ``clearance`` is
 a hundredth of it."""
+SMALLEST_GAIN = 1e-9
+"""One design over scenarios is better than another one if its objective is lower by this part."""
 CREDITED_COST = 1.2
 """If the ratio of absolute to net cost is larger, the message says that the design profits from negative work."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Edge:
+    """A margin of a mode sequence at which an optimum over scenarios lies, although it would improve beyond it.
+
+    Attributes
+    ----------
+    scenario : index of the gait.
+    key, change : freed parameter that crosses the margin fastest, and its typical size with the sign that crosses.
+    """
+
+    scenario: int
+    key: str
+    change: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScenarioOptimum:
+    """The end of a search over scenarios.
+
+    Attributes
+    ----------
+    own : the gait of the first scenario, whose freed parameters are those of all.
+    objective : value of the objective.
+    violation : largest violation of a constraint.
+    shortcoming : why it is not an optimum, or its first gait is none; None if neither is so. Other scenarios may lie at
+        the end of their mode sequences, where a phase vanishes.
+    edges : margins that limit it.
+    """
+
+    own: Gait
+    objective: float
+    violation: float
+    shortcoming: str | None
+    edges: tuple[Edge, ...]
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all constraints are met."""
+        return self.violation < LARGEST_VIOLATION
+
+    def is_better(self, other: "ScenarioOptimum") -> bool:
+        """Whether it violates less than another one, or has a smaller objective if both are feasible."""
+        if not (self.feasible and other.feasible):
+            return self.violation < other.violation
+        return self.objective < other.objective - SMALLEST_GAIN * max(abs(other.objective), SMALL)
 
 
 def design_gait(
@@ -72,6 +121,29 @@ def design_program(problem: Problem, system: HybridSystem, first: Gait) -> Shoot
     """The program that IPOPT solves first in ``design_gait``."""
     design = _Design(problem, system, None, None)
     return design.smoothed(design.start(first)).program
+
+
+def design_scenarios(
+    problem: Problem,
+    gaits: Sequence[Gait],
+    shares: Sequence[float],
+    *,
+    worst: bool = False,
+    progress: Valued = None,
+    should_stop: Stop = None,
+) -> ScenarioOptimum | None:
+    """The best gaits over freed parameters that all have in common; None if a gait is lost.
+
+    Parameters
+    ----------
+    problem : with the objective and the constraints, which every gait has to meet.
+    gaits : converged gaits of one system with equal freed parameters, such as on floors of different friction. The
+        problem of each has its own mode sequence.
+    shares : weight of each gait in the objective.
+    worst : whether the largest objective of all gaits is minimised instead.
+    """
+    design = _Design(problem, gaits[0].system, progress, should_stop)
+    return design.run_scenarios(gaits, shares, worst=worst)
 
 
 class _Design:
@@ -158,24 +230,14 @@ class _Design:
 
     def _exact(self, smoothed: Solution, iterations: int, *, cautious: bool = False) -> Gait:
         """The optimum of the exact problem next to a solution of the smoothed one; ``cautious``: see ``optimise``."""
-        exact = ExactProblem(self._problem, self._free, self._bounds)
-        refined = refine(polish(smoothed))
-        for _ in range(MAX_MESHES):
-            start = exact.evaluate(refined)
-            if start is None:
-                lost = rejection_reason(refined)
-                message = describe_causes(lost) or "the gait is not found on a finer mesh"
-                return self._failed(status_without_gait(lost), message, {}, lost, at=refined)
-            freed, levels = np.split(start.u, [len(self._free)])
-            sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
-            optimum = optimise(
-                exact, start, sizes, cautious=cautious, progress=self._progress, should_stop=self._should_stop
-            )
-            iterations += optimum.iterations
-            solution = optimum.evaluation.sensitivity.solution
-            refined = refine(solution)
-            if refined.equations is solution.equations or optimum.interrupted:
-                break
+        exact, refined = ExactProblem(self._problem, self._free, self._bounds), refine(polish(smoothed))
+        found = self._searched(exact, (refined,), cautious=cautious)
+        if found is None:
+            lost = rejection_reason(refined)
+            message = describe_causes(lost) or "the gait is not found on a finer mesh"
+            return self._failed(status_without_gait(lost), message, {}, lost, at=refined)
+        (optimum, (refined,)), solution = found, found[0].evaluation.scenarios[0].solution
+        iterations += optimum.iterations
         solver = {"iterations": float(iterations), "kkt": optimum.kkt, "objective": optimum.evaluation.objective}
         if optimum.interrupted:
             return self._failed(Status.INTERRUPTED, "interrupted", solver, at=solution)
@@ -186,6 +248,69 @@ class _Design:
         gait = assemble_gait(self._problem, refined, message="", solver=solver)
         edge = [c for c in optimum.evaluation.constraints if kind(c.name) == "impact_onset" and c.value < AT_THE_EDGE]
         return replace(gait, message=_message(gait, at_onset=bool(edge)))
+
+    def _searched(
+        self, exact: ExactProblem, refined: tuple[Solution, ...], *, cautious: bool = False
+    ) -> tuple[SearchResult, tuple[Solution, ...]] | None:
+        """The optimum on meshes fine enough for it, and its gaits; None if one is not found on a finer mesh."""
+        iterations = 0
+        for _ in range(MAX_MESHES):
+            start = exact.evaluate(refined)
+            if start is None:
+                return None
+            freed, levels = np.split(start.u, [len(self._free)])
+            sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
+            optimum = optimise(
+                exact, start, sizes, cautious=cautious, progress=self._progress, should_stop=self._should_stop
+            )
+            iterations += optimum.iterations
+            solutions = [gait.solution for gait in optimum.evaluation.scenarios]
+            refined = tuple(map(refine, solutions))
+            same = all(fine.equations is coarse.equations for fine, coarse in zip(refined, solutions, strict=True))
+            if same or optimum.interrupted:
+                break
+        return replace(optimum, iterations=iterations), refined
+
+    def run_scenarios(self, gaits: Sequence[Gait], shares: Sequence[float], *, worst: bool) -> ScenarioOptimum | None:
+        """The optimum over several scenarios; see ``design_scenarios``."""
+        exact = ExactProblem(self._problem, self._free, self._bounds, shares, worst=worst)
+        starts, iterations = tuple(refine(polish(self.start(gait))) for gait in gaits), 0
+        best: ScenarioOptimum | None = None
+        for cautious in (False, True):
+            found = self._searched(exact, starts, cautious=cautious)
+            if found is None or not np.isfinite(found[1][0].errors).all():
+                continue
+            optimum, refined = found
+            iterations += optimum.iterations
+            solver = {"iterations": float(iterations), "kkt": optimum.kkt, "objective": optimum.evaluation.objective}
+            lost = describe_causes(rejection_reason(refined[0])) or None
+            shortcoming = "interrupted" if optimum.interrupted else optimum.shortcoming or lost
+            result = ScenarioOptimum(
+                own=assemble_gait(gaits[0].problem, refined[0], message="solved", solver=solver),
+                objective=optimum.evaluation.objective,
+                violation=optimum.evaluation.violation,
+                shortcoming=shortcoming,
+                edges=self._edges(optimum.evaluation),
+            )
+            best = result if best is None or result.is_better(best) else best
+            if not optimum.shortcoming or optimum.interrupted:
+                break
+        return best
+
+    def _edges(self, at: Evaluation) -> tuple[Edge, ...]:
+        """The margins that an optimum would cross if the mode sequences of its scenarios allowed it."""
+        n = len(self._free)
+        freed, levels = np.split(at.u, [n])
+        sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
+        weights, edges = kkt_residual(at, sizes)[1], list[Edge]()
+        of_problem = {*self._problem.constraints, *self._problem.objective, *self._free, WORST}
+        for constraint in at.constraints:
+            if constraint.name not in of_problem and weights.get(constraint.key, 0.0) > 0:
+                slopes = constraint.gradient[:n] * sizes[:n]
+                steepest = int(np.abs(slopes).argmax())
+                change = -float(np.sign(slopes[steepest])) * float(sizes[steepest])
+                edges.append(Edge(scenario=constraint.scenario, key=self._free[steepest], change=change))
+        return tuple(edges)
 
     def _failed(
         self,

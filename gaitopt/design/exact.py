@@ -2,6 +2,10 @@
 
     min f(u)    s.t.    c(u) >= 0 or = 0,          u = (freed parameters, levels)
 
+A design may have several *scenarios*: gaits with the same freed parameters at different values of another parameter,
+such as friction. Each scenario has its own motion, mode sequence and constraints. The objective is a weighted sum over
+the scenarios, or the largest value of all, which is then the last level.
+
 Nothing is smoothed. An extremum that is minimised has a level: a further unknown that bounds all values over which it
 is the extremum. Every value has its own constraint, so that f and c are smooth where another value becomes the
 extremum. The spectral radius is bounded by the circle inequalities of ``spectral_radius``.
@@ -10,8 +14,8 @@ The gait at given freed parameters is solved by Newton's method from a nearby on
 the control, the step is cut into arcs again.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +30,8 @@ from gaitopt.solver.newton import Solution, polish
 from gaitopt.solver.rollout import rolled_again
 
 RADIUS = "spectral_radius"
+WORST = "worst"
+"""Name of the constraint that a scenario's objective is at most the largest one."""
 EXTREMA = {name: scalar.extremum for name, scalar in SCALARS.items() if scalar.extremum and scalar.of_designs}
 """Scalars that are the largest (1) or smallest (-1) of some values: of a curve, or of a number and its negative."""
 LARGEST_RESIDUAL = 1e-10
@@ -69,7 +75,8 @@ class Constraint:
     key : name that distinguishes the constraint from others on the same quantity.
     value : value in natural units.
     gradient : ndarray, shape (n_u,) - derivative by the unknowns.
-    by_work : derivative by the absolute work of the motors.
+    by_work : derivative by the absolute work of the motors in its scenario.
+    scenario : index of its scenario.
     equality : whether the value must be zero.
     """
 
@@ -78,6 +85,7 @@ class Constraint:
     value: float
     gradient: Array
     by_work: float = 0.0
+    scenario: int = 0
     equality: bool = False
 
     @property
@@ -94,17 +102,18 @@ class Evaluation:
     ----------
     u : ndarray, shape (n_u,) - freed parameters, and levels.
     objective, gradient : value and gradient of the objective, shape (n_u,).
-    by_work : derivative of the objective by the absolute work of the motors.
+    by_work : ndarray, shape (n_scenarios,) - derivatives of the objective by the absolute work of the motors in each
+        scenario.
     constraints : margins, bounds, levels and constraints of the problem.
-    sensitivity : the gait as a function of the freed parameters.
+    scenarios : the gaits as functions of the freed parameters.
     """
 
     u: Array
     objective: float
     gradient: Array
-    by_work: float
+    by_work: Array
     constraints: tuple[Constraint, ...]
-    sensitivity: Sensitivity
+    scenarios: tuple[Sensitivity, ...]
 
     @property
     def violation(self) -> float:
@@ -129,78 +138,121 @@ class ExactProblem:
     ----------
     problem : the problem, with its objective and constraints.
     free, bounds : dotted keys of the freed parameters, and their bounds; shape (2, n_free).
+    shares : weight of each scenario in the objective.
+    worst : whether the objective is the largest value of all scenarios instead.
     """
 
-    def __init__(self, problem: Problem, free: tuple[str, ...], bounds: Array) -> None:
-        self._problem, self.free, self.bounds = problem, free, bounds
-        self.levels = tuple(
-            name for name, weight in problem.objective.items() if name in EXTREMA and weight * EXTREMA[name] > 0
-        )
+    def __init__(
+        self,
+        problem: Problem,
+        free: tuple[str, ...],
+        bounds: Array,
+        shares: Sequence[float] = (1.0,),
+        *,
+        worst: bool = False,
+    ) -> None:
+        self._problem, self.free, self.bounds, self._shares, self._worst = problem, free, bounds, shares, worst
+        extrema = [n for n, weight in problem.objective.items() if n in EXTREMA and weight * EXTREMA[n] > 0]
+        self.levels = tuple((k, name) for k, share in enumerate(shares) if worst or share for name in extrema)
+        self._n_levels = len(self.levels) + worst
 
-    def evaluate(self, start: Solution, levels: Array | None = None) -> Evaluation | None:
-        """The problem at the gait next to ``start``, with its freed parameters; None if there is no gait.
+    def evaluate(self, starts: Sequence[Solution], levels: Array | None = None) -> Evaluation | None:
+        """The problem at the gaits next to ``starts``, one per scenario; None if there is no gait.
+
+        All have the same freed parameters.
 
         Parameters
         ----------
         levels : shape (n_levels,) - values of the levels; by default those of their extrema.
         """
-        solution = polish(start)
-        if not solution.size < LARGEST_RESIDUAL or not (solution.durations > 0).all():
-            return None
-        if not solution.in_order:  # a switch has passed a breakpoint: cut the same gait into arcs again
-            solution = polish(rolled_again(solution).on_mesh(start.equations.free))
-            if not solution.size < LARGEST_RESIDUAL or not solution.in_order:
+        gaits = list[Sensitivity]()
+        for start in starts:
+            solution = _gait_near(start)
+            if solution is None:
                 return None
-        return self._evaluated(solution, levels)
+            try:
+                gaits.append(Sensitivity(solution))
+            except RuntimeError:  # singular
+                return None
+        return self._evaluated(gaits, levels)
 
     def evaluate_beside(self, here: Evaluation, step: Array) -> Evaluation | None:
         """The problem at a step (n_u,) from here; None if Newton's method finds no gait."""
-        s, n = here.sensitivity, len(self.free)
-        w = s.solution.w + s.slopes @ step[:n]
-        w[-n:] = np.clip(w[-n:], *self.bounds)  # the step satisfies the bounds only up to rounding
-        return self.evaluate(Solution(s.equations, w, s.solution.p), here.u[n:] + step[n:])
+        n, starts = len(self.free), list[Solution]()
+        for s in here.scenarios:
+            w = s.solution.w + s.slopes @ step[:n]
+            w[-n:] = np.clip(w[-n:], *self.bounds)  # the step satisfies the bounds only up to rounding
+            starts.append(Solution(s.equations, w, s.solution.p))
+        return self.evaluate(starts, here.u[n:] + step[n:])
 
-    def _evaluated(self, solution: Solution, levels: Array | None) -> Evaluation | None:
-        try:
-            s = Sensitivity(solution)
-        except RuntimeError:  # singular
-            return None
-        problem, measured = self._problem, _ExactScalars(s, len(self.levels))
+    def _evaluated(self, gaits: Sequence[Sensitivity], levels: Array | None) -> Evaluation | None:
+        problem, freed = self._problem, gaits[0].freed
+        measured = [_ExactScalars(gait, self._n_levels) for gait in gaits]
         if levels is None:
-            levels = np.array([measured.extreme(name) for name in self.levels])
-        span = problem.constraints.get(RADIUS)
-        allowed = [] if span is None else [span.maximum]
-        allowed += [level for name, level in zip(self.levels, levels.tolist(), strict=True) if name == RADIUS]
-        if measured.escaped(min(allowed, default=np.inf)):
-            return None
-        u = np.concatenate([s.freed, levels])
+            levels = np.array([measured[k].extreme(name) for k, name in self.levels])
+            if self._worst:
+                weights = problem.objective.items()
+                levels = np.append(levels, max(sum(w * each.scalar(n)[0] for n, w in weights) for each in measured))
+        u = np.concatenate([freed, levels])
         axes = np.eye(u.size)
-        level_axes = dict(zip(self.levels, axes[s.freed.size :], strict=True))
-        level_values = dict(zip(self.levels, levels.tolist(), strict=True))
+        own_levels: list[dict[str, tuple[float, Array]]] = [{} for _ in gaits]
+        for (k, name), level, axis in zip(self.levels, levels.tolist(), axes[freed.size :], strict=False):
+            own_levels[k][name] = level, axis
+        span = problem.constraints.get(RADIUS)
 
-        objective, gradient, by_work = 0.0, np.zeros(u.size), 0.0
-        for name, weight in problem.objective.items():
-            is_level = name in level_axes
-            value, slope = (level_values[name], level_axes[name]) if is_level else measured.scalar(name)
-            objective, gradient = objective + weight * value, gradient + weight * slope
-            by_work += weight * s.by_work(name)
-
-        constraints = [*measured.margins(), *measured.invariance()]
-        for name, value, axis, (low, high) in zip(self.free, s.freed, axes, self.bounds.T, strict=False):
-            constraints.append(Constraint(name=name, key=f"{name} lower", value=float(value - low), gradient=axis))
-            constraints.append(Constraint(name=name, key=f"{name} upper", value=float(high - value), gradient=-axis))
-        for name, axis in level_axes.items():
-            constraints += measured.bounded(name, level_values[name], axis, EXTREMA[name])
-        for name, span in problem.constraints.items():
-            constraints += measured.within(name, span)
+        objective, gradient, by_work = 0.0, np.zeros(u.size), np.zeros(len(gaits))
+        if self._worst:
+            objective, gradient = float(u[-1]), axes[-1]
+        constraints = list[Constraint]()
+        for k, (scalars, share) in enumerate(zip(measured, self._shares, strict=True)):
+            own = own_levels[k]
+            allowed = [] if span is None else [span.maximum]
+            allowed += [level for name, (level, _) in own.items() if name == RADIUS]
+            if scalars.escaped(min(allowed, default=np.inf)):
+                return None
+            value, slope, by = 0.0, np.zeros(u.size), 0.0
+            if share or self._worst:
+                for name, weight in problem.objective.items():
+                    part, by_u = own[name] if name in own else scalars.scalar(name)
+                    value, slope = value + weight * part, slope + weight * by_u
+                    by += weight * scalars.gait.by_work(name)
+            objective, gradient, by_work[k] = objective + share * value, gradient + share * slope, share * by
+            rows = [*scalars.margins(), *scalars.invariance()]
+            if k == 0:
+                for name, parameter, axis, (low, high) in zip(self.free, freed, axes, self.bounds.T, strict=False):
+                    lower, upper = float(parameter - low), float(high - parameter)
+                    rows.append(Constraint(name=name, key=f"{name} lower", value=lower, gradient=axis))
+                    rows.append(Constraint(name=name, key=f"{name} upper", value=upper, gradient=-axis))
+            for name, (level, axis) in own.items():
+                rows += scalars.bounded(name, level, axis, EXTREMA[name])
+            for name, bounds in problem.constraints.items():
+                rows += scalars.within(name, bounds)
+            if self._worst:
+                unit = max(abs(objective), SMALL)
+                below = (axes[-1] - slope) / unit
+                room = (objective - value) / unit
+                rows.append(Constraint(name=WORST, key=WORST, value=room, gradient=below, by_work=-by / unit))
+            constraints += rows if k == 0 else (replace(row, key=f"{k} {row.key}", scenario=k) for row in rows)
         return Evaluation(
             u=u,
             objective=float(objective),
             gradient=gradient,
             by_work=by_work,
             constraints=tuple(constraints),
-            sensitivity=s,
+            scenarios=tuple(gaits),
         )
+
+
+def _gait_near(start: Solution) -> Solution | None:
+    """The gait next to a motion, with its freed parameters; None if there is none."""
+    solution = polish(start)
+    if not solution.size < LARGEST_RESIDUAL or not (solution.durations > 0).all():
+        return None
+    if not solution.in_order:  # a switch has passed a breakpoint: cut the same gait into arcs again
+        solution = polish(rolled_again(solution).on_mesh(start.equations.free))
+        if not solution.size < LARGEST_RESIDUAL or not solution.in_order:
+            return None
+    return solution
 
 
 class _ExactScalars:

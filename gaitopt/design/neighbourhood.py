@@ -103,6 +103,10 @@ def neighbourhood(
         If the gait is not a design.
     """
     problem = gait.problem.origin or gait.problem
+    if problem.over is not None:
+        raise SolveError(
+            f"{problem.name}: a design over a range is no optimum at one value; verify it without neighbours"
+        )
     if not gait.steps or not gait.freed or not problem.objective:
         raise SolveError(f"{gait.problem.name} is not an optimum: it needs freed parameters and an objective")
     search, rng = _Search(gait), np.random.default_rng(seed)

@@ -4,7 +4,7 @@ At each point the step d, in the typical sizes of the unknowns, solves a model o
 
     min  g' d + d' B d / 2 + a r(d)    s.t.  A d + b + c r(d) >= 0,    |d_i| <= reach
 
-with the remainder r of the absolute work W, which no quadratic function describes,
+with the remainder r of the absolute work W of each scenario, which no quadratic function describes,
 
     W(d) = sum of integrals |(u + u' d)(w + w' d)| dt,      r(d) = W(d) - W(0) - W'(0) d
 
@@ -251,7 +251,7 @@ class WorkRemainder:
 
     Parameters
     ----------
-    arcs : curves of the arcs of the gait.
+    arcs : curves of the arcs of the gait; empty if its work does not count, and r is zero.
     sizes : typical sizes of the unknowns, which are the units of d, shape (n_u,); freed parameters come first.
     """
 
@@ -317,9 +317,12 @@ class _Model:
         self._A = np.array([c.gradient * sizes for c in self.constraints]).reshape(-1, sizes.size)
         self._b = np.array([c.value for c in self.constraints])
         self._equality = np.array([c.equality for c in self.constraints], dtype=bool)
-        self._a, self._c = point.by_work / self.scale, np.array([c.by_work for c in self.constraints])
-        works = self._a != 0 or bool(self._c.any())
-        self._remainder = WorkRemainder(point.sensitivity.arcs if works else (), sizes)
+        self._a, self._c = point.by_work / self.scale, np.zeros((len(self.constraints), point.by_work.size))
+        for row, constraint in zip(self._c, self.constraints, strict=True):
+            row[constraint.scenario] = constraint.by_work
+        works = (self._a != 0) | self._c.any(axis=0)
+        gaits = zip(point.scenarios, works, strict=True)
+        self._remainders = [WorkRemainder(gait.arcs if counts else (), sizes) for gait, counts in gaits]
 
     def solve(self, B: Array, weights: Array, shift: Array | float = 0.0) -> tuple[Array, Array]:
         """Step and multipliers of the constraints; shapes (n_u,) and (n_constraints,).
@@ -332,12 +335,12 @@ class _Model:
         """
         d, penalty = np.zeros(self.sizes.size), 0.0
         for _ in range(MAX_PROGRAMS):
-            r, r_gradient, r_hessian = self._remainder.at(d)
-            curvatures, axes = np.linalg.eigh(B + self._stiffness(weights) * r_hessian)
+            r, r_gradients, r_hessians = self._remainder(d)
+            curvatures, axes = np.linalg.eigh(B + np.tensordot(self._stiffness(weights), r_hessians, 1))
             H = np.asarray((axes * np.clip(curvatures, FLATTEST, STIFFEST)) @ axes.T)
-            gradient = self.gradient + B @ d + self._a * r_gradient
-            A = self._A + np.outer(self._c, r_gradient)
-            values = self._b + self._A @ d + self._c * r + shift
+            gradient = self.gradient + B @ d + self._a @ r_gradients
+            A = self._A + self._c @ r_gradients
+            values = self._b + self._A @ d + self._c @ r + shift
             step, weights = self._quadratic_step(H, gradient, A, values, d)
             penalty = _raised(penalty, weights)
             slope = min(0.0, float(gradient @ step) - penalty * self._violation(values))
@@ -355,13 +358,13 @@ class _Model:
 
     def merit(self, d: Array, B: Array, penalty: float, shift: Array | float = 0.0) -> float:
         """Change of the objective in the model, plus a penalty for violations."""
-        r, _, _ = self._remainder.at(d)
-        change = self.gradient @ d + d @ B @ d / 2 + self._a * r
-        return float(change) + penalty * self._violation(self._b + self._A @ d + self._c * r + shift)
+        r, _, _ = self._remainder(d)
+        change = self.gradient @ d + d @ B @ d / 2 + self._a @ r
+        return float(change) + penalty * self._violation(self._b + self._A @ d + self._c @ r + shift)
 
     def predicted(self, d: Array) -> Array:
         """Values of the constraints after a step; shape (n_constraints,)."""
-        return self._b + self._A @ d + self._c * self._remainder.at(d)[0]
+        return self._b + self._A @ d + self._c @ self._remainder(d)[0]
 
     def secant(self, after: Evaluation, weights: Array) -> tuple[Array, Array]:
         """A step, and the change of the Lagrangian's gradient without that of r; each of shape (n_u,)."""
@@ -371,11 +374,16 @@ class _Model:
         for constraint, a, weight in zip(self.constraints, self._A, weights, strict=True):
             if weight != 0.0 and constraint.key in gradients:
                 y = y - weight * (gradients[constraint.key] * self.sizes - a)
-        return s, y - self._stiffness(weights) * self._remainder.at(s)[1]
+        return s, y - self._stiffness(weights) @ self._remainder(s)[1]
 
-    def _stiffness(self, weights: Array) -> float:
-        """Weight of r in the Lagrangian."""
-        return self._a - float(weights @ self._c)
+    def _remainder(self, d: Array) -> tuple[Array, Array, Array]:
+        """r of every scenario with its gradient and second derivatives; (n_s,), (n_s, n_u) and (n_s, n_u, n_u)."""
+        values, gradients, hessians = zip(*(each.at(d) for each in self._remainders), strict=True)
+        return np.array(values), np.array(gradients), np.array(hessians)
+
+    def _stiffness(self, weights: Array) -> Array:
+        """Weight of each r in the Lagrangian, shape (n_s,)."""
+        return np.asarray(self._a - weights @ self._c)
 
     def _violation(self, values: Array) -> float:
         return float(np.where(self._equality, np.abs(values), np.maximum(0.0, -values)).sum())

@@ -22,6 +22,7 @@ from gaitopt.display import Moving
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.gait.measures import angles_of, contact_record, control_record, observe
+from gaitopt.gait.ranges import DesignRange
 from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_records
 from gaitopt.gait.shares import undetermined_forces
 from gaitopt.gait.trajectory import Arc, Step
@@ -258,6 +259,7 @@ class Gait(WalkerMotion):
     causes : why there is no gait, most important cause first; empty for a gait.
     timed : indices of the phases that end at a breakpoint of the control, because the torques jump there.
     best : of a design that failed, the point where it ended, see ``best_point``; otherwise None.
+    over : of a design over a range of a parameter, what it has shown there; otherwise None.
     """
 
     status: Status
@@ -272,6 +274,7 @@ class Gait(WalkerMotion):
     causes: tuple[Cause, ...] = ()
     timed: tuple[int, ...] = ()
     best: Mapping[str, Any] | None = None
+    over: DesignRange | None = None
 
     def __repr__(self) -> str:
         if not self.steps:
@@ -423,6 +426,8 @@ class Gait(WalkerMotion):
             "parameters": dict(self.freed),
             "solver": dict(self.solver),
             "verification": self.verification,
+            **({} if self.over is None else {"over": self.over.to_record()}),
+            **({} if self.over is None or self.over.widest is None else {"widest": [*self.over.widest]}),
         }
         return cast("GaitRecord | AttemptRecord", record)
 

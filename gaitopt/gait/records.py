@@ -277,6 +277,30 @@ class ControlRecord(TypedDict):
     fit_errors: NotRequired[dict[Word, Number]]
 
 
+class RangePointsRecord(TypedDict):
+    """Columns of the ``RangePoint`` of a design over a range, in ascending order of the parameter."""
+
+    value: Numbers
+    objective: Numbers
+    spectral_radius: Annotated[list[NotNegative], Len(max_length=LONGEST_LIST)]
+    sequence: Annotated[list[Text], Len(max_length=LONGEST_LIST)]
+
+
+class RangeRecord(TypedDict):
+    """A ``DesignRange``."""
+
+    parameter: Word
+    range: tuple[Number, Number]
+    aggregate: Literal["worst", "mean", "at"]
+    at: Number
+    objective: Number | None
+    worst_at: Number | None
+    binding: dict[Word, Number]
+    scenarios: Numbers
+    single: Number | None
+    points: RangePointsRecord
+
+
 class GaitRecord(MeasureRecord, ConstraintRecord, ContactsRecord, ControlRecord):
     """A gait: the state just after the impact before its first step, modes with durations, scalars and multipliers."""
 
@@ -294,6 +318,7 @@ class GaitRecord(MeasureRecord, ConstraintRecord, ContactsRecord, ControlRecord)
     parameters: dict[Word, Number]
     solver: dict[Word, Number | Flag | Text | None]
     verification: Annotated[VerificationRecord, AfterValidator(_passed)] | None
+    over: NotRequired[RangeRecord]
 
 
 def _consistent(record: GaitRecord) -> GaitRecord:

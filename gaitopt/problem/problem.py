@@ -35,7 +35,7 @@ from gaitopt.model.registry import (
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.urdf import MAX_BYTES, walker_from_text
 from gaitopt.model.walker import Walker
-from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, raise_faults, shown
+from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, near_miss, raise_faults, shown
 from gaitopt.problem.plausibility import impossible, remarks
 from gaitopt.problem.reading import Known, read_statement
 from gaitopt.problem.source import SUFFIXES, find_problem, parse_source, read_text
@@ -144,7 +144,7 @@ class Problem(ProblemStatement):
         if feedback is None or not self.has_gait:
             return None
         law = self.control.model_copy(update={"step_feedback": None})
-        plain = replace(self, control=law, free={}, objective={}, constraints={}, origin=None, file=None)
+        plain = replace(self, control=law, free={}, objective={}, constraints={}, over=None, origin=None, file=None)
         return plain.replace(feedback.at).from_guess() if feedback.at else plain
 
     def from_guess(self) -> "Problem":
@@ -198,6 +198,10 @@ class Problem(ProblemStatement):
             elif key in self.parameters:
                 kept.setdefault(key, self.parameters[key])
         return {f"{OF_FEEDBACK}.at": kept} if kept else {}
+
+    def at_own_value(self) -> "Problem":
+        """The problem of one gait of a design over a range: that at the problem's own value. Others are unchanged."""
+        return self if self.over is None else replace(self, over=None, origin=self)
 
     def with_guess(
         self, gait: "Recorded | Mapping[str, Any]", parameters: Mapping[str, float] | None = None
@@ -304,7 +308,7 @@ class Problem(ProblemStatement):
 
     def with_fixed(self, values: Mapping[str, float]) -> "Problem":
         """The problem with its free numbers fixed at values by dotted key, without objective and constraints."""
-        plain = replace(self, free={}, objective={}, constraints={})
+        plain = replace(self, free={}, objective={}, constraints={}, over=None)
         return plain.replace({key: values[key] for key in self.free})
 
     def with_torques(
@@ -581,8 +585,26 @@ def build_problem(
     raise_faults(faults, place)
     path = files[-1] if files else None
     problem = Problem(**fields, reference=reference, path=path, text=text, place=place)
-    raise_faults(impossible(problem), place)
+    raise_faults([*impossible(problem), *_over_faults(problem)], place)
     return problem
+
+
+def _over_faults(problem: Problem) -> Iterator[Fault]:
+    """Faults of the range over which a design holds."""
+    over, known = problem.over, problem.parameters
+    if over is None:
+        return
+    path = ("over", over.key)
+    if over.key not in known:
+        yield Fault(path, f"is not a parameter of this problem{near_miss(over.key, [*known])}")
+    elif isinstance(known[over.key], int):
+        yield Fault(path, "is a whole number, along which there is no family of gaits")
+    elif not over.lower <= known[over.key] <= over.upper:
+        own = f"{over.key} = {known[over.key]:g}, for which the phases and the guess are stated"
+        yield Fault(path, f"[{over.lower:g}, {over.upper:g}] must contain the problem's own value, {own}")
+    else:
+        objections = {end: problem.objection(over.key, end) for end in (over.lower, over.upper)}
+        yield from (Fault(path, why) for why in objections.values() if why)
 
 
 def _with_files(data: Mapping[str, Any], folder: Path, faults: list[Fault], place: Place) -> Mapping[str, Any]:

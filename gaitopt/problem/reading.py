@@ -9,7 +9,7 @@ file must agree with it.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
@@ -52,7 +52,7 @@ from gaitopt.problem.schema import (
     is_angle,
     state_section,
 )
-from gaitopt.problem.statement import FirstGuess, Free, Guess, OpenSequence, Range, Until
+from gaitopt.problem.statement import Aggregate, FirstGuess, Free, Guess, OpenSequence, Over, Range, Until
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -121,6 +121,8 @@ class _StatementReader:
             if not self._faults:
                 self._check_unknowns(objective, constraints)
             fields |= {"objective": objective, "constraints": constraints | self._joint_ranges(constraints)}
+            equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
+            fields["over"] = self._read_over([name for name in equalities if name not in self._free])
         return fields | {"free": self._free}
 
     @property
@@ -801,8 +803,14 @@ class _StatementReader:
 
     def _read_objective(self) -> dict[str, float]:
         """The weights of the objective by name of the scalar; empty if there is none."""
-        data, path, model = self._data.get("objective"), ("objective",), self._model
+        data, model, path = self._data.get("objective"), self._model, cast(Key, ("objective",))
         if data is None or model is None:
+            return {}
+        if self._aggregate is not Aggregate.AT:
+            data, path = data[self._aggregate], (*path, self._aggregate.value)
+        elif isinstance(data, Mapping) and {*data} & {Aggregate.WORST, Aggregate.MEAN}:
+            words = "counts the whole objective over a range: give {worst: NAME} or {mean: NAME} alone"
+            self._fault(path, f"{' and '.join(map(str, data))}: worst or mean {words}")
             return {}
         if isinstance(data, str):
             if why := self._objection(model, data):
@@ -823,6 +831,74 @@ class _StatementReader:
                 weights[name] = weight
         return weights
 
+    @property
+    def _aggregate(self) -> Aggregate:
+        """How the values of the objective over a range count, from the key of {worst: ...} or {mean: ...}."""
+        data = self._data.get("objective")
+        keys = [*data] if isinstance(data, Mapping) else []
+        return next((each for each in (Aggregate.WORST, Aggregate.MEAN) if keys == [each.value]), Aggregate.AT)
+
+    def _read_over(self, equalities: Sequence[str]) -> Over | None:
+        """The range over which a design holds; None if it has none. It allows no ``equalities`` of scalars."""
+        data, at, aggregate = self._data.get("over"), self._data.get("at"), self._aggregate
+        if data is None:
+            if aggregate is not Aggregate.AT:
+                words = f"{aggregate} counts the values over a range: give the range, over: {{friction: [lo, hi]}}"
+                self._fault(("objective", aggregate.value), words)
+            if at is not None:
+                self._fault(("at",), "is the value within a range at which the objective counts: give over too")
+            return None
+        if not isinstance(data, Mapping) or len(data) != 1:
+            given = f"{len(data)} parameters" if isinstance(data, Mapping) else shown(data)
+            self._fault(("over",), f"is {given}, but a design holds over one parameter: {{friction: [lo, hi]}}")
+            return None
+        ((key, limits),) = data.items()
+        angle, path = self._is_angle(key), ("over", key)
+        pair = limits if isinstance(limits, list | tuple) and len(limits) == 2 else ()
+        numbers = [number for number in (_number(limit, angle=angle) for limit in pair) if number is not None]
+        if len(numbers) != 2:
+            self._fault(path, f"{shown(limits)} is not a range: give two numbers, [lo, hi]")
+            return None
+        lower, upper = numbers
+        if not lower < upper:
+            self._fault(path, f"[{lower:g}, {upper:g}] is empty: the lower limit comes first")
+        for name in equalities:
+            words = "is a single value, which one control does not meet on all of a range: give {min: a, max: b}"
+            self._fault(("constraints", name), words)
+        if self._free.get(key) is not None:
+            self._fault(path, "is an unknown of the design: a parameter of the range has a number")
+        if isinstance(self._modes, OpenSequence):
+            self._fault(("over",), "needs a mode sequence at the problem's own value: state gait.phases")
+        if not self._free and not (self._control and self._model and self._control.unknowns(self._model)):
+            remedy = "free a parameter, {free: [lo, hi], guess: x}; continuation follows a gait over a range"
+            self._fault(("over",), f"is for designs, and nothing is an unknown: {remedy}")
+        if isinstance(self._control, OpenLoop) and self._control.duration is None:
+            words = "open-loop torques end with the step of one floor: use constant_torque, pd or virtual_constraints"
+            self._fault(("control", "type"), f"a design over a range needs a law that walks on all of it: {words}")
+        return Over(key=str(key), lower=lower, upper=upper, aggregate=aggregate, at=self._read_at(key, numbers))
+
+    def _read_at(self, key: str, limits: Sequence[float]) -> float | None:
+        """The value at which the objective counts; None if all values count, or the problem's own one does."""
+        at = self._data.get("at")
+        if at is None:
+            return None
+        if self._aggregate is not Aggregate.AT:
+            words = f"contradicts objective: {{{self._aggregate}: ...}}, which counts all values: leave one out"
+            self._fault(("at",), words)
+            return None
+        value = _number(at[key], angle=self._is_angle(key)) if isinstance(at, Mapping) and [*at] == [key] else None
+        if value is None:
+            self._fault(("at",), f"{shown(at)} is not a value of the parameter in over: give {{{key}: number}}")
+        elif not limits[0] <= value <= limits[1]:
+            self._fault(("at", key), f"{value:g} lies outside of the range [{limits[0]:g}, {limits[1]:g}]")
+        return value
+
+    def _is_angle(self, key: str) -> bool:
+        """Whether the parameter with this dotted key is an angle."""
+        section, _, name = key.partition(".")
+        fields = {} if self._model is None or section != "walker" else self._model.model_fields
+        return name in fields and is_angle(fields[name])
+
     def _read_constraints(self) -> dict[str, Range]:
         """The ranges of the constraints by name; a single value is an equality."""
         data, path, model = self._data.get("constraints"), ("constraints",), self._model
@@ -835,10 +911,7 @@ class _StatementReader:
         open_loop = isinstance(self._control, OpenLoop) and self._control.duration is None
         for name, value in data.items():
             group, _, key = name.partition(".")
-            angle = (group == "state" and key in model.shape) or (
-                group == "walker" and key in model.model_fields and is_angle(model.model_fields[key])
-            )
-            angle |= name.startswith(ANGLE)
+            angle = (group == "state" and key in model.shape) or self._is_angle(name) or name.startswith(ANGLE)
             if why := self._objection(model, name, constrains=True):
                 self._fault((*path, name), why)
             elif span := self._read_range(value, (*path, name), angle=angle):

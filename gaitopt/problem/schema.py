@@ -240,8 +240,10 @@ class AngleRangeSection(RangeSection):
 
 SIMULATION_KEYS = ("state", "until")
 """Keys of a file that states no gait and can only be simulated."""
-SECTION_KEYS = ("walker", "control", "gait", *SIMULATION_KEYS, "objective", "constraints")
+SECTION_KEYS = ("walker", "control", "gait", *SIMULATION_KEYS, "objective", "constraints", "over", "at")
 """Keys of a file besides those of ``HeadSection``."""
+AGGREGATES = {"worst": "the largest value over the range", "mean": "the mean of nine equally spaced values"}
+"""Keys of an objective over a range, and what they mean."""
 OPEN = "auto"
 """Value of ``gait.phases`` that leaves the mode sequence open."""
 
@@ -307,6 +309,7 @@ def problem_schema() -> dict[str, Any]:
     head["properties"]["friction"]["description"] += "; a mapping has static and kinetic values, or those of contacts"
     scalars = "scalars of the result, states (state.NAME), durations (phases.K.duration), free parameters (dotted keys)"
     number, constraints = {"type": "number"}, {}
+    weights = [{"type": "string"}, {"type": "object", "additionalProperties": number, "minProperties": 1}]
     for name in DESIGN_SCALARS:  # without the walker only the sign of a scalar can be checked
         scalar = SCALARS[name]
         bound: dict[str, Any] = {**number, "minimum": 0} if scalar.within.possible[0] >= 0 else number
@@ -331,11 +334,35 @@ def problem_schema() -> dict[str, Any]:
         },
         "until": {"description": "where a simulation without gait ends", **_section(UntilSection)},
         "objective": {
-            "description": f"scalar that is minimised, or weights of several: {scalars}; a negative weight maximises",
+            "description": f"scalar that is minimised, or weights of several: {scalars}; a negative weight maximises; "
+            "a design over a range may minimise the worst value or the mean",
             "anyOf": [
-                {"type": "string"},
-                {"type": "object", "additionalProperties": {"type": "number"}, "minProperties": 1},
+                *weights,
+                *(
+                    {
+                        "type": "object",
+                        "properties": {word: {"anyOf": weights, "description": f"scalar or weights; {words} counts"}},
+                        "required": [word],
+                        "maxProperties": 1,
+                    }
+                    for word, words in AGGREGATES.items()
+                ),
             ],
+        },
+        "over": {
+            "description": "range [lo, hi] of one parameter (dotted key) over which a design is a stable gait and "
+            "meets its constraints with one control; it contains the problem's own value, where the phases hold",
+            "type": "object",
+            "additionalProperties": {"type": "array", "items": NUMBER_OR_ANGLE, "minItems": 2, "maxItems": 2},
+            "minProperties": 1,
+            "maxProperties": 1,
+        },
+        "at": {
+            "description": "value of the parameter in over at which a plain objective counts, by default its own",
+            "type": "object",
+            "additionalProperties": NUMBER_OR_ANGLE,
+            "minProperties": 1,
+            "maxProperties": 1,
         },
         "constraints": {
             "description": f"values or ranges of {scalars}",

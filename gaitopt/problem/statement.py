@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
+from enum import StrEnum
 from numbers import Integral, Real
 from typing import Any, cast
 
@@ -44,6 +45,33 @@ class Range:
 
     minimum: float
     maximum: float
+
+
+class Aggregate(StrEnum):
+    """How the values of an objective over a range of a parameter count: the largest one, their mean, or one of them."""
+
+    WORST = "worst"
+    MEAN = "mean"
+    AT = "at"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Over:
+    """The range of a parameter over which a design is a stable gait and meets its constraints.
+
+    Attributes
+    ----------
+    key : dotted key of the parameter; the problem's own value lies in the range.
+    lower, upper : ends of the range, in SI.
+    aggregate : what is minimised of the objective's values over the range.
+    at : the value of the parameter at which the objective counts, if only one does; None for the problem's own value.
+    """
+
+    key: str
+    lower: float
+    upper: float
+    aggregate: Aggregate = Aggregate.AT
+    at: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,6 +192,7 @@ class ProblemStatement(Tabulated):
     free : the unknown parameters by dotted key.
     objective : weights of the scalars whose sum is minimised; empty if there is none.
     constraints : ranges of scalars by name.
+    over : the range of a parameter over which a design holds; None if it is for the problem's own values only.
     cycle_end : what ends a cycle: ``touchdown``, ``clock`` or the name of a margin.
     until : where a simulation ends, if the problem says so; only without a gait.
     """
@@ -179,6 +208,7 @@ class ProblemStatement(Tabulated):
     free: Mapping[str, Free] = field(default_factory=dict)
     objective: Mapping[str, float] = field(default_factory=dict)
     constraints: Mapping[str, Range] = field(default_factory=dict)
+    over: Over | None = None
     cycle_end: str = TOUCHDOWN
     until: Until | None = None
 
@@ -345,8 +375,13 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
         for group in above:
             section = section[group]
         section[name] = {"free": [free.lower, free.upper], "guess": free.guess}
-    if problem.objective:
-        data["objective"] = dict(problem.objective)
+    over, objective = problem.over, dict(problem.objective)
+    if objective:
+        aggregate = Aggregate.AT if over is None else over.aggregate
+        data["objective"] = objective if aggregate is Aggregate.AT else {aggregate.value: objective}
+    if over is not None:
+        data["over"] = {over.key: [over.lower, over.upper]}
+        data |= {} if over.at is None else {"at": {over.key: over.at}}
     if problem.constraints:
         data["constraints"] = {
             name: {key: value for key, value in (("min", span.minimum), ("max", span.maximum)) if math.isfinite(value)}
@@ -499,11 +534,11 @@ POINTS = ("control.reference.bezier.", "control.reference.")
 def _path(key: str, data: Mapping[str, Any]) -> Key:
     """The path that a dotted key means in some data.
 
-    A name after ``constraints`` or ``objective`` may contain dots, such as state.dx. A control point has two keys, that
-    of its parameter, control.reference.JOINT.K, and control.reference.bezier.JOINT.K.
+    A name after ``constraints``, ``objective``, ``over`` or ``at`` may contain dots, such as state.dx. A control point
+    has two keys, that of its parameter, control.reference.JOINT.K, and control.reference.bezier.JOINT.K.
     """
     first, *rest = key.split(".")
-    if first not in ("constraints", "objective") or not rest:
+    if first not in ("constraints", "objective", "over", "at") or not rest:
         path, section = list[str | int](), cast(Any, data)
         for name in (first, *rest):
             if path == ["control", "reference"] and isinstance(section, dict) and name not in section:
@@ -518,6 +553,8 @@ def _path(key: str, data: Mapping[str, Any]) -> Key:
                 path.append(name)
                 section = section.get(name) if isinstance(section, dict) else None
         return tuple(path)
+    if first == "objective" and rest[0] in (Aggregate.WORST, Aggregate.MEAN) and len(rest) > 1:
+        return (first, rest[0], ".".join(rest[1:]))
     end = rest[-1:] if first == "constraints" and rest[-1] in ("min", "max") and len(rest) > 1 else []
     return (first, ".".join(rest[: len(rest) - len(end)]), *end)
 

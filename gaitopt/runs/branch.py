@@ -18,7 +18,7 @@ from gaitopt.requests import ContinueRequest, entries
 from gaitopt.runs.lines import LinesPlan
 from gaitopt.store.branch import resumable, stored_continuations
 from gaitopt.store.formats import damaged, validated
-from gaitopt.store.gaits import branch_point, closing_error, special_point, with_stored_torques
+from gaitopt.store.gaits import branch_point, closing_error, problem_of_record, special_point
 from gaitopt.store.run import Run
 
 BRANCH_FILE, BRANCH_TABLE = "branch.jsonl", "branch.csv"
@@ -103,7 +103,7 @@ def stored_branch(folder: Path) -> tuple[Problem, str, list[BranchRecord]]:
     if request is None or not any(record["record"] == "point" for record in records):
         raise StorageError(f"{folder / BRANCH_FILE} contains no branch yet; `gaitopt continue` writes one")
     first: Any = next(record for record in records if record["record"] == "point")
-    return with_stored_torques(problem, first), request["parameter"], records
+    return problem_of_record(problem, first), request["parameter"], records
 
 
 def restore_branch(folder: Path) -> Branch:

@@ -33,7 +33,7 @@ from gaitopt.runs.robustness import ROBUSTNESS_FILE, Robustness, read_robustness
 from gaitopt.runs.sweep import SWEEP_FILE, Sweep, read_sweep
 from gaitopt.runs.trace import TRACE_FILE, restore_trace
 from gaitopt.store.formats import MODE_COLUMN, Table, check_agrees, damaged, validated
-from gaitopt.store.gaits import freed_values, gait_from_record, tabulated_steps, with_stored_torques
+from gaitopt.store.gaits import freed_values, gait_from_record, problem_of_record, tabulated_steps
 from gaitopt.store.lock import wait_for_writer
 from gaitopt.store.run import GAIT_FILE, GAIT_FILES, MANIFEST_FILE, WALK_FILE, WALK_FILES, Run
 from gaitopt.systems import problem_dynamics
@@ -61,7 +61,7 @@ def restore_gait(folder: Path) -> Gait:
     record = validated(CheckedGait, stored, path, states=problem.walker.state_names())
     if problem.is_open:
         problem = replace(problem.with_gait(record), origin=problem)
-    problem = with_stored_torques(problem, record)
+    problem = problem_of_record(problem, record)
     try:
         dynamics = problem_dynamics(problem).at(freed_values(record))
         periods = [float(step["period"]) for step in record.get("steps", [record])]

@@ -16,7 +16,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.requests import TraceRequest, entries
 from gaitopt.runs.lines import LinesPlan
 from gaitopt.store.formats import damaged, validated
-from gaitopt.store.gaits import closing_error, trace_point, trace_special, with_stored_torques
+from gaitopt.store.gaits import closing_error, problem_of_record, trace_point, trace_special
 from gaitopt.store.run import Run
 from gaitopt.store.trace import resumable_trace, stored_traces
 
@@ -102,7 +102,7 @@ def stored_trace(folder: Path) -> tuple[Problem, TraceRequestRecord, list[TraceR
     if request is None or not any(record["record"] == "point" for record in records):
         raise StorageError(f"{folder / TRACE_FILE} contains no trace yet; `gaitopt trace` writes one")
     first = next(record for record in records if record["record"] == "point")
-    return with_stored_torques(problem, first), request, records
+    return problem_of_record(problem, first), request, records
 
 
 def restore_trace(folder: Path) -> Trace:

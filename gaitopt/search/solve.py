@@ -38,6 +38,12 @@ def solve(
     """See ``gaitopt.solve``; ``progress`` is called with the iteration and the largest violation of a constraint."""
     if isinstance(problem, Attractor):
         return solve_attractor(problem, method=method, progress=progress, should_stop=should_stop)
+    if problem.over is not None:
+        from gaitopt.search.over import design_over  # only few problems hold over a range
+
+        return design_over(
+            problem, start=start, method=method, limits=limits, progress=progress, should_stop=should_stop
+        )
     if problem.is_open:
         return find_best(problem, method=method, progress=progress, should_stop=should_stop)
     try:

@@ -435,7 +435,7 @@ def _tracking(gait: Gait, joints: Joints, phase: str, degree: int, gains: tuple[
 def _problem(gait: Gait, control: Mapping[str, Any], near: Gait) -> Problem:
     """The problem of a gait with another law, and with the motion of a gait nearby as its guess."""
     given, record = gait.problem, cast(GaitRecord, near.to_record())
-    plain = replace(given, free={}, objective={}, constraints={}, origin=None, file=None)
+    plain = replace(given, free={}, objective={}, constraints={}, over=None, origin=None, file=None)
     state = {name: record["state"][name] for name in gait.system.section(gait.cycle).names}
     durations = [phase["duration"] for phase in record["phases"]]
     changes: dict[str, object] = {key: v for key, v in gait.freed.items() if not key.startswith("control.")}

@@ -26,6 +26,7 @@ from gaitopt.show.attractors import bifurcation_diagram
 from gaitopt.show.branches import multiplier_paths, multiplier_plane, over_parameter
 from gaitopt.show.gaits import (
     contact_diagram,
+    design_range,
     foot_slip,
     force_ratio,
     method_comparison,
@@ -84,6 +85,8 @@ MOTION_FIGURES: Mapping[str, Callable[[Sequence[Motion]], Figure]] = {
 """Figures of gaits and walks."""
 GAIT_FIGURES = (*MOTION_FIGURES, "multipliers", "methods")
 """Figures of one or several gaits; ``methods`` exists for a single one."""
+RANGE = "range"
+"""Figure of a design over a range of a parameter."""
 WALK_FIGURES = ("section", *MOTION_FIGURES)
 """Figures of a simulated walk."""
 PHASE = "phase"
@@ -242,6 +245,8 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
         if name == "multipliers":
             return multiplier_plane({words: gait.multipliers for words, gait in named})
         motions = [motion_of(gait, words) for words, gait in named]
+        if name == RANGE:
+            return design_range(first)
         if name == "methods":
             return method_comparison(motions[0], simulated(first))
         if name.startswith(FORCE_OVER):
@@ -254,10 +259,11 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
     empty |= {"slip"} if not any(gait.measures["slip_distance"] for gait in gaits) else set()
     shapes = [gait.system.walker.shape for gait in gaits]
     common = [name for name in shapes[0] if all(name in shape for shape in shapes)]
+    more = (*_phase_figures(gaits), *((RANGE,) if alone and first.over is not None else ()))
     return Figures(
         draw=draw,
-        names=(*GAIT_FIGURES, *_phase_figures(gaits), *(f"{FORCE_OVER}{name}" for name in common)),
-        usual=(*(name for name in GAIT_FIGURES if name not in empty), *_phase_figures(gaits)),
+        names=(*GAIT_FIGURES, *more, *(f"{FORCE_OVER}{name}" for name in common)),
+        usual=(*(name for name in GAIT_FIGURES if name not in empty), *more),
         animation=(lambda extension: _animation(motion_of(first), first.problem.about, extension)) if alone else None,
     )
 

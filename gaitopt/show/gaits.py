@@ -8,6 +8,7 @@ back from its folder has the same figure.
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle, pairwise
+from math import degrees
 from textwrap import fill
 from typing import Any
 
@@ -21,6 +22,7 @@ from matplotlib.ticker import MaxNLocator
 
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
+from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import ContactObservation, angles_of, friction_ratio, observe, touching_contacts
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.modes import OFF, Mode
@@ -50,11 +52,14 @@ from gaitopt.show.style import (
     MODE_WORDS,
     NEUTRAL,
     SLIP_DASHES,
+    Label,
     dashes,
     entry,
+    label,
     legend_below,
     mode_legend,
     panels,
+    parameter_of,
     symbol,
 )
 from gaitopt.verification.walk import Walk
@@ -417,4 +422,43 @@ def method_comparison(motion: Motion, walked: Sequence[Step]) -> Figure:
     lower.set_xlabel(time_label([motion]))
     lower.set_ylabel("|NLP − simulation|\n[rad, m; per s]")
     legend_below(figure, [*handles, *mode_legend([mode for step in walked for mode, _ in step.phases])])
+    return figure
+
+
+def design_range(gait: Gait) -> Figure:
+    """Objective and spectral radius of a design over the range of its parameter, with its changes of mode sequence.
+
+    The dashed lines are the objective of the design for one value alone, and the bound of the radius.
+    """
+    over = gait.over
+    assert over is not None
+    weights, bound = gait.problem.objective, gait.problem.constraints.get("spectral_radius")
+    shown = parameter_of(gait.problem, over.key)
+    scale = degrees(1.0) if shown.in_degrees else 1.0
+    values = [scale * point.value for point in over.points]
+    rows: list[tuple[Label, list[float], float | None]]
+    rows = [
+        (label("spectral_radius"), [point.spectral_radius for point in over.points], bound.maximum if bound else None)
+    ]
+    if weights:
+        words = label(next(iter(weights)), gait.problem) if len(weights) == 1 else Label(words="objective")
+        sign = np.sign(next(iter(weights.values()))) if len(weights) == 1 else 1.0
+        rows.insert(0, (words, [sign * point.objective for point in over.points], sign * (over.single or 0.0)))
+    figure, axes = panels(len(rows), height=1.9 * len(rows) + 0.8)
+    changes = [
+        (one + other) / 2
+        for (one, first), (other, second) in pairwise(zip(values, (p.sequence for p in over.points), strict=True))
+        if first != second
+    ]
+    for panel, (words, heights, line) in zip(axes, rows, strict=True):
+        panel.plot(values, heights, color=COLOURS[0])
+        if line is not None:
+            panel.axhline(line, color=COLOURS[1], linestyle="--", linewidth=1)
+        for change in changes:
+            panel.axvline(change, color=NEUTRAL, linestyle=":", linewidth=0.8)
+        panel.set_ylabel(str(words))
+    axes[-1].set_xlabel(str(shown.label))
+    dashed = " and ".join([*["design for one value"] * bool(weights), *["bound of the radius"] * (bound is not None)])
+    handles = [entry(dashed, color=COLOURS[1], linestyle="--", linewidth=1)] if dashed else []
+    legend_below(figure, [*handles, entry("change of the mode sequence", color=NEUTRAL, linestyle=":", linewidth=0.8)])
     return figure

@@ -60,6 +60,8 @@ LONGEST_MODES = 80
 """Largest number of characters of a mode sequence in the list of problems; instead of a longer one, the list states its
 number of phases."""
 ENDED = "the time was over before the search was complete: more gaits or values may exist"
+AGGREGATES = {"worst": "worst over {}", "mean": "mean over {}", "at": "at {} = {}"}
+"""How the values of an objective over a range count."""
 STABILITY = {True: "stable", False: "unstable"}
 FOUND_BY = {"newton": "Newton's method", "ipopt": "IPOPT"}
 CHAOTIC = 1e-3
@@ -234,12 +236,25 @@ def print_problem(console: Console, problem: Problem, *, every: bool = True) -> 
         unknowns = ((key, number(f.lower), number(f.upper), number(f.guess)) for key, f in problem.free.items())
         columns = ("key", "from", "to", "guess")
         _folded_section(console, "unknown parameters", columns, [*unknowns], (1, 2, 3), every=every)
+    _print_question(console, problem)
+
+
+def _print_question(console: Console, problem: Problem) -> None:
+    """Print the objective of a design, its constraints, and the range over which it holds."""
+    over = problem.over
     if problem.objective:
         weights = ((name, number(weight)) for name, weight in problem.objective.items())
-        section(console, "minimised", ("scalar", "weight"), weights, numbers=(1,))
+        title = "minimised"
+        if over is not None:
+            at = problem.parameters[over.key] if over.at is None else over.at
+            title += f", {AGGREGATES[over.aggregate].format(over.key, number(at))}"
+        section(console, title, ("scalar", "weight"), weights, numbers=(1,))
     if problem.constraints:
         spans = ((name, number(s.minimum), number(s.maximum)) for name, s in problem.constraints.items())
         section(console, "constraints", ("scalar", "from", "to"), spans, numbers=(1, 2))
+    if over is not None:
+        row = (over.key, number(over.lower), number(over.upper), unit_of(over.key, problem))
+        section(console, "holds over", ("parameter", "from", "to", "unit"), [row], numbers=(1, 2))
 
 
 def print_gait(console: Console, record: Record, problem: Problem, *, every: bool = True) -> None:
@@ -262,8 +277,29 @@ def print_gait(console: Console, record: Record, problem: Problem, *, every: boo
         values = record["parameters"].items()
         freed = [(key, number(value), with_degrees(value, unit_of(key, problem))) for key, value in values]
         _folded_section(console, "values found", ("key", "value", "unit"), freed, (1,), every=every)
+    if "over" in record:
+        _print_range(console, record["over"], problem)
     for remark in record["message"].split("; ")[1:]:
         console.print(remark, soft_wrap=True)
+
+
+def _print_range(console: Console, over: Record, problem: Problem) -> None:
+    """Print what a design over a range has shown, from the entry ``over`` of its record."""
+    key, (lower, upper), rows = over["parameter"], over["range"], list[tuple[str, str, str]]()
+    own, points = number(problem.parameters[key]), over["points"]
+    if over["objective"] is not None:
+        names = ", ".join(problem.objective)
+        words = f"{names}, {AGGREGATES[over['aggregate']].format(key, number(over['at']))}"
+        where = {"worst": over["worst_at"], "at": over["at"]}.get(over["aggregate"])
+        rows.append((words, number(over["objective"]), "" if where is None else number(where)))
+        rows.append(("the same of the design for one value", number(over["single"]), own))
+    for column in ("objective", "spectral_radius") if over["objective"] is not None else ("spectral_radius",):
+        pairs = list(zip(points[column], points["value"], strict=True))
+        for word, (value, at) in (("least", min(pairs)), ("largest", max(pairs))):
+            rows.append((f"{column.replace('_', ' ')}, {word}", number(value), number(at)))
+    rows += [(f"{name} is at its bound", "", number(at)) for name, at in over["binding"].items()]
+    title = f"over {key} from {number(lower)} to {number(upper)}, {len(points['value'])} gaits followed"
+    section(console, title, ("", "value", f"at {key}"), rows, numbers=(1, 2))
 
 
 def _folded_section(

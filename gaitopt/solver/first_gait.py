@@ -62,7 +62,7 @@ def first_gait(
     causes : why there is no solution.
     """
     motion, durations = straight_motion(problem, dynamics)
-    plain = replace(problem, objective={}, constraints={}, free={})
+    plain = replace(problem, objective={}, constraints={}, free={}, over=None)
     collocation = Collocation(plain, dynamics.system, durations, free={})
     result = collocation.solve(motion, np.zeros(0), durations, [], progress=progress, should_stop=should_stop)
     if result.status is Status.CONVERGED:

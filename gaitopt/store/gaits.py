@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from gaitopt.gait import curves
 from gaitopt.gait.branch import BranchPoint, ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.ranges import DesignRange
 from gaitopt.gait.records import (
     GaitRecord,
     PointRecord,
@@ -90,12 +91,16 @@ def gait_from_record(
         solver=cast(Mapping[str, float | str], record["solver"]),
         verification=record["verification"],
         timed=Cycle.from_record(record).timed,
+        over=DesignRange.from_record(record["over"]) if "over" in record else None,
     )
 
 
-def with_stored_torques(problem: Problem, record: GaitRecord) -> Problem:
-    """The problem of a gait; if it seeks open-loop torques, they are replaced by those of the gait's record."""
-    law = problem.control
+def problem_of_record(problem: Problem, record: GaitRecord) -> Problem:
+    """The problem of a gait in the results of a problem.
+
+    Torques of the record replace open-loop ones that are sought. A design over a range is one at the own value.
+    """
+    law, problem = problem.control, problem.at_own_value()
     if not isinstance(law, OpenLoop) or law.duration is not None or problem.is_open:
         return problem
     durations = [phase["duration"] for phase in record["phases"]]

@@ -446,3 +446,59 @@ def test_a_message_is_one_line_whatever_the_file_holds():
 def test_the_values_of_a_motor_are_listed_by_the_first_and_the_last():
     with pytest.raises(ProblemError, match=r"control\.stance_hip\.0 to 20, control.*; electrical work .*work: 1"):
         load_problem("rabbit-optimal").replace({"objective": "electrical_work"})
+
+
+ROBUST = changed((TORQUES, f"{{type: constant_torque, ankle: 0.1, {HIP}}}"), add="objective: {worst: work}\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        (
+            "over: {friction: [0.3, 0.4]}",
+            "over.friction: [0.3, 0.4] must contain the problem's own value, friction = 0.2",
+        ),
+        ("over: {friction: [0.3, 0.1]}", "over.friction: [0.3, 0.1] is empty: the lower limit comes first"),
+        (
+            "over: {friction: [0.1, 0.3], walker.slope: [0, 1 deg]}",
+            "over: is 2 parameters, but a design holds over one",
+        ),
+        ("over: {frictoin: [0.1, 0.3]}", "over.frictoin: is not a parameter of this problem; did you mean friction?"),
+        ("over: {friction: 0.3}", "over.friction: 0.3 is not a range: give two numbers, [lo, hi]"),
+        ("over: {control.hip: [0, 1]}", "over.control.hip: is an unknown of the design"),
+        ("over: {friction: [-1, 1]}", "over.friction: -1.0 must be at least 0"),
+        ("over: {friction: [0.1, 0.3]}\nat: {friction: 0.2}", "at: contradicts objective: {worst: ...}"),
+        ("over: {friction: [0.1, 0.3]}\nconstraints: {speed: 0.5}", "constraints.speed: is a single value"),
+        ("at: {friction: 0.2}\nover: {friction: [0.1, 0.3]}\nconstraint: {}", "constraint: unknown key"),
+        ("", "objective.worst: worst counts the values over a range"),
+    ],
+)
+def test_a_wrong_range_of_a_design_is_named(text, line):
+    assert line in "\n".join(faults(ROBUST + text + "\n"))
+
+
+@pytest.mark.parametrize(
+    ("objective", "line"),
+    [
+        ("{worst: work, mean: work}", "objective: worst and mean: worst or mean counts the whole objective"),
+        ("{mean: wrok}", "objective.mean: wrok is not a scalar of a gait"),
+        ("work\nat: {friction: 0.4}", "at.friction: 0.4 lies outside of the range [0.1, 0.3]"),
+        ("work\nat: {walker.slope: 0.4}", "at: {'walker.slope': 0.4} is not a value of the parameter in over"),
+    ],
+)
+def test_a_wrong_objective_over_a_range_is_named(objective, line):
+    assert line in only(changed(("{worst: work}", objective), text=ROBUST) + "over: {friction: [0.1, 0.3]}\n")
+
+
+def test_a_range_needs_an_unknown():
+    assert "over: is for designs, and nothing is an unknown" in only(GAIT + "over: {friction: [0.1, 0.3]}\n")
+
+
+def test_a_range_is_part_of_the_problem_and_of_its_digest():
+    ranged = parse_problem(ROBUST + "over: {friction: [0.1, 0.3]}\n")
+    wider = ranged.replace({"over.friction": [0.1, 0.4]})
+    assert (wider.over.lower, wider.over.upper, wider.over.aggregate) == (0.1, 0.4, "worst")
+    assert wider.digest != ranged.digest
+    assert parse_problem(ranged.text).digest == ranged.digest
+    assert ranged.at_own_value().over is None
+    assert ranged.at_own_value().digest == ranged.digest  # its results belong to the design

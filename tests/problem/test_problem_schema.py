@@ -22,6 +22,7 @@ LIMITS = {
     "minItems": lambda value, limit: len(value) >= limit,
     "maxItems": lambda value, limit: len(value) <= limit,
     "minProperties": lambda value, limit: len(value) >= limit,
+    "maxProperties": lambda value, limit: len(value) <= limit,
     "required": lambda value, limit: not isinstance(value, dict) or set(limit) <= set(value),
     "enum": lambda value, limit: value in limit,
     "const": lambda value, limit: value == limit,
