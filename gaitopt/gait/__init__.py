@@ -7,6 +7,7 @@
 - ``shares``: contact forces that the equations of motion do not determine, and their bounds
 - ``zero_dynamics``: the motion on the surface of virtual constraints: delta^2 and the potential
 - ``gait``: ``Gait``: status, cycle of steps, multipliers, scalars, causes of failure
+- ``ranges``: what a design over a range of a parameter has shown there
 - ``branch``: ``Branch``: points, special points, cascades of period doublings
 - ``trace``: ``Trace``: a special point in two parameters, its curve and codimension-two points
 - ``regions``: branches at some values of a second parameter, arranged into regions, sheets and curves

@@ -1,6 +1,7 @@
 """Searches for gaits: the one that ``solve`` returns, all gaits of a problem, and why a gait does not exist.
 
 - ``solve``: the gait of a problem, with one meaning for all callers.
+- ``over``: designs over a range of a parameter: one control with a stable gait at every value.
 - ``starts``: start states of the walks of a search, in a box or around a guess.
 - ``candidates``: proposals for gaits of unknown mode sequence, by simulation and along families.
 - ``candidate``: one cycle as its mode sequence and first state, not solved yet.
