@@ -93,6 +93,7 @@ def test_every_result_survives_copies_and_pickles_to_the_last_bit():
             assert content(again) == content(result), (name, way)
 
 
+@pytest.mark.slow
 def test_results_of_run_folders_survive_pickles_and_folders_hold_none(empty_folder):
     problem = named(WHEEL).problem
     kept = [

@@ -57,6 +57,7 @@ def test_the_record_has_the_keys_of_the_command_line(wheel):
     assert record["nearest"][0].keys() >= {"parameter", "value", "type"}
 
 
+@pytest.mark.slow
 def test_families_show_where_a_sequence_begins_and_ends():
     stick, slip = (solve(load_problem(f"rimless-wheel-{kind}")) for kind in ("stick", "slip"))
     begin = nearest_begin([slip], "friction", [0.1, 1.0], stick.problem.cycle)

@@ -27,6 +27,7 @@ def branch_run(stored_branch, tmp_path):
     return Path(shutil.copytree(stored_branch, tmp_path / "results" / "branch"))
 
 
+@pytest.mark.slow
 def test_plot_solves_stores_and_draws_what_tells_something(tmp_path, capsys):
     assert main(["plot", PROBLEM, "--quiet"]) == 0
     paths = capsys.readouterr().out.split()

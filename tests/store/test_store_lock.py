@@ -103,7 +103,8 @@ def test_a_planted_lock_is_not_followed(tmp_path):
     assert (tmp_path / "precious").read_text() == "precious"
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [2, 8])
 def test_of_several_problems_for_one_folder_one_wins(tmp_path, count):
     commands = [
         [sys.executable, "-m", "gaitopt", "solve", WHEEL, "--set", f"friction=0.4{k}", "-o", "run", "--quiet"]

@@ -53,7 +53,8 @@ def test_a_limit_is_the_last_value_before_the_first_failure(value):
     assert limit(lambda values: np.abs(values - value) > 1e-4, 0.0, 0.01, 1.0).value is None
 
 
-@pytest.mark.parametrize(("length", "about"), [(1, 0.1328), pytest.param(4, 0.1366, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("length", "about"), [(1, 0.1328), (4, 0.1366)])
 @needs_heyoka
 def test_a_patch_of_ice_survives_at_its_limit_and_fails_below(length, about):
     gait, nominal = named("compass-passive-stick"), 0.2
