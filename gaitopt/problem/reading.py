@@ -395,20 +395,16 @@ class _StatementReader:
         if "state" not in self._data or model is None:
             return None
         data = self._data["state"]
-        if not isinstance(data, Mapping):
-            self._fault(path, f"{shown(data)} is not a mapping; names: {', '.join(model.state_names())}")
+        stated_values = self._stated_state(model, data, path)
+        if stated_values is None:
             return None
-        state = self._section(state_section(model), data, path)
-        if state is None:
-            return None
-        given = {"x": 0.0, **state.model_dump(exclude_none=True)}
-        missing = [name for name in model.state_names() if name not in given]
+        given, missing = stated_values
         if not missing:
-            return Guess(state={name: float(given[name]) for name in model.state_names()}, durations=None, whole=True)
+            return Guess(state=given, durations=None, whole=True)
         impact = Mode.slip(given["dx"]) if given.get("dx") else Mode.STICK
         stated = has_stated_sections(model, self._cycle_end)
         section = model.section_names(slipping=impact.slips) if stated else ()
-        if section and {*state.model_fields_set} == {*section}:
+        if section and {*data} == {*section}:
             lifted = self._read_state(data, impact, path)
             return None if lifted is None else Guess(state=lifted, durations=None)
         choice = f" just after an impact give {', '.join(section)} alone; else" if section else ""
@@ -419,12 +415,7 @@ class _StatementReader:
     def _read_until(self) -> Until | None:
         """The end of a simulation."""
         data = self._data.get("until")
-        if data is None:
-            return None
-        if not isinstance(data, Mapping):
-            self._fault(("until",), f"{shown(data)} is not a mapping, such as {{time: 2.0}} or {{events: 5}}")
-            return None
-        section = self._section(UntilSection, data, ("until",))
+        section = None if data is None else self._section(UntilSection, data, ("until",))
         if section is None:
             return None
         if not section.model_fields_set:
@@ -691,16 +682,24 @@ class _StatementReader:
 
         It has all coordinates and rates; x may be left out.
         """
-        state = self._section(state_section(model), guess.state, (*path, "state"))
-        if state is None:
+        stated = self._stated_state(model, guess.state, (*path, "state"))
+        if stated is None:
             return None
-        given = {"x": 0.0, **state.model_dump(exclude_none=True)}
-        missing = [name for name in model.state_names() if name not in given]
+        given, missing = stated
         if missing:
             needed = ", ".join(model.state_names())
             self._fault((*path, "state", missing[0]), f"is missing; where the modes are open, the state needs {needed}")
             return None
-        return Guess(state={name: float(given[name]) for name in model.state_names()}, durations=None)
+        return Guess(state=given, durations=None)
+
+    def _stated_state(self, model: type[Walker], data: Any, path: Key) -> tuple[dict[str, float], list[str]] | None:
+        """The values of a state in the order of its names, in which x may be left out, and the names that it lacks."""
+        state = self._section(state_section(model), data, path)
+        if state is None:
+            return None
+        given, names = {"x": 0.0, **state.model_dump(exclude_none=True)}, model.state_names()
+        known = {name: float(given[name]) for name in names if name in given}
+        return known, [name for name in names if name not in known]
 
     def _read_cycle(
         self, steps: Sequence[StepSection], path: Key, landings: Sequence[tuple[tuple[int, Mode], ...]] = ()

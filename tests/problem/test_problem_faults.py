@@ -177,14 +177,14 @@ WHEEL_ONLY = "\n".join(line for line in WHEEL.splitlines() if not line.startswit
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ("until: 3", "until: 3 is not a mapping, such as {time: 2.0} or {events: 5}"),
+        ("until: 3", "until: 3 is not a mapping; keys: time, steps, events"),
         ("until: {}", "until: is empty: give time, steps or events"),
         ("until: {time: -1}", "until.time: -1"),
         ("until: {events: 1.5}", "until.events: 1.5"),
         ("until: {times: 1}", "until.times: unknown key"),
         ("state: {theta: 0.1}", "state.dtheta: is missing; just after an impact give dtheta alone; else a state needs"),
         ("state: {dtheta: 1e9}", "state.dtheta: 1e+09"),
-        ("state: 3", "state: 3 is not a mapping; names: theta, x, dtheta, dx"),
+        ("state: 3", "state: 3 is not a mapping; keys: theta, x, dtheta, dx"),
     ],
 )
 def test_a_wrong_simulation_is_named(more, words):
