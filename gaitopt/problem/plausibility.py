@@ -281,8 +281,8 @@ def least_friction(problem: ProblemStatement) -> float:
 def lacks_energy(problem: ProblemStatement) -> bool:
     """Whether no motor, push-off or downhill slope replaces the energy that impacts and friction dissipate.
 
-    Gravity does work if the walker moves downhill over a cycle: it may walk in the direction in which its centre of
-    mass moves at the guess, and slip in those of its modes.
+    Gravity does work if the walker moves downhill over a cycle: it may walk forward, or in the direction in which its
+    centre of mass moves at the guess, and slip in those of its modes.
     """
     walker = problem.walker
     if (
@@ -294,7 +294,7 @@ def lacks_energy(problem: ProblemStatement) -> bool:
         return False
     _, _, (along, _), momentum = _geometry_at_guess(problem)
     modes = () if problem.is_open else (*problem.cycle.phases, *problem.cycle.impacts)
-    directions = (momentum, *(direction for mode in modes for direction in mode.directions.values()))
+    directions = (1.0, momentum, *(direction for mode in modes for direction in mode.directions.values()))
     if along and (problem.is_open or any(direction * along > 0 for direction in directions)):
         return False
     system, on_ground = _system(type(walker)), walker.foot_modes()[0]
