@@ -210,7 +210,13 @@ def integrator(function: Function, **options: Any) -> Integrator:
     unrolled : whether short series are unrolled, see ``LONGEST_UNROLLED``.
     tolerance : tolerance of the series; 0 for machine precision.
     """
-    return _integrator(_Key(function), opt_level=OPTIMISATION, **options)
+    return _integrator(_key(function), opt_level=OPTIMISATION, **options)
+
+
+@lru_cache(maxsize=64)
+def _key(function: Function) -> _Key:
+    """The key of a function; a walk over tiles asks for it in every step, and to serialise takes a millisecond."""
+    return _Key(function)
 
 
 @per_thread(maxsize=32)
