@@ -2,11 +2,13 @@
 
 import json
 import re
+from functools import cache
 
 import pytest
 from samples import sampled
 
-from gaitopt import load_problem, problem_names, problem_schema
+import gaitopt
+from gaitopt import load_problem, problem_names
 from gaitopt.model.registry import registered_walkers
 from gaitopt.problem.source import parse_source
 
@@ -49,12 +51,18 @@ def accepts(schema, value):
     return all(check(value, schema[word]) for word, check in LIMITS.items() if word in schema)
 
 
+@cache
+def problem_schema():
+    return gaitopt.problem_schema()
+
+
+@cache
 def data_of(name):
     return parse_source(load_problem(name).text, name).data
 
 
 def test_the_schema_is_json():
-    assert json.loads(json.dumps(problem_schema(), allow_nan=False)) == problem_schema()
+    assert json.loads(json.dumps(gaitopt.problem_schema(), allow_nan=False)) == problem_schema()
 
 
 @pytest.mark.parametrize("name", sampled(problem_names(), 9))

@@ -28,7 +28,7 @@ def evaluated(function, inputs, constants=()):
     conversion = convert(function, dict(enumerate(names)))
     outputs = [entry for output in conversion.outputs for entry in output]
     variables = [name for group in names for name in group]
-    compiled = hy.cfunc(outputs, variables, compact_mode=True)
+    compiled = hy.cfunc(outputs, variables, compact_mode=True, opt_level=0)
     values = np.concatenate(inputs)
     if not conversion.constants.numel_out(0):
         return compiled(values)
@@ -93,6 +93,6 @@ def test_flow_of_a_walker_has_the_same_value(name, mode):
         z = rng.uniform(-0.4, 0.4, system.n_z)
         names = {0: [hy.expression("t")], 1: [hy.expression(name) for name in system.state_names]}
         conversion = convert(flow, names)
-        compiled = hy.cfunc(list(conversion.outputs[0]), [*names[0], *names[1]], compact_mode=True)
+        compiled = hy.cfunc(list(conversion.outputs[0]), [*names[0], *names[1]], compact_mode=True, opt_level=0)
         found = compiled(np.array([0.1, *z]), pars=np.asarray(conversion.constants(p, data)).ravel())
         np.testing.assert_allclose(found, np.asarray(flow(0.1, z, p, data)).ravel(), rtol=1e-12, atol=1e-13)

@@ -125,7 +125,7 @@ def test_pack_replaces_what_is_given_and_refuses_other_names():
         nlp.pack({"theta3": 0.0})
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("solver", sampled(SOLVERS, 3))
 def test_solvers_of_casadi_find_the_gait_which_the_simulation_verifies(solver):
     if not ca.has_nlpsol(solver.partition(" ")[0]):
         pytest.skip(f"CasADi has no {solver} here")
