@@ -49,6 +49,7 @@ from gaitopt.model.instant import Instant as Instant
 from gaitopt.model.lagrangian import equations_of_motion as equations_of_motion
 from gaitopt.model.mechanism import Body as Body
 from gaitopt.model.mechanism import Contact as Contact
+from gaitopt.model.mechanism import Damper as Damper
 from gaitopt.model.mechanism import Link as Link
 from gaitopt.model.mechanism import Mechanism as Mechanism
 from gaitopt.model.modes import Mode as Mode

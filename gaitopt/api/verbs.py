@@ -571,7 +571,8 @@ def continuation(
     ----------
     start : a converged gait; or a special point of a branch, from which the other branches that begin there are
         continued: at a ``period_doubling`` the cycles of twice as many steps, at a ``branch_point`` both halves of the
-        curve that crosses the known one, at a change of modes the mode sequences that were not followed.
+        curve that crosses the known one, at a change of modes the mode sequences that were not followed. In another
+        parameter than that of its branch, the gait at the special point is continued.
     parameter : dotted key of any scalar of walker, friction or control.
     to : target value of the parameter; two values to continue in both directions.
     lower, upper : further bounds of the parameter, for families with folds.
@@ -694,6 +695,7 @@ def _stored_records(
     if request.events:
         raise ProblemError("events are functions and cannot be stored; leave out events or output")
     request.first_gait(start)  # raises errors before a folder is made
+    start = request.begin(start)
     gait = start if isinstance(start, Gait) else start.gait
     assert gait is not None
     kind = start.type if isinstance(start, SpecialPoint) else ""

@@ -59,7 +59,8 @@ def follow_family(
     """The points and special points of a family, one by one; see ``gaitopt.continuation``.
 
     A gait is continued towards each target. From a special point all its other branches are continued, with the targets
-    as bounds. Branches that begin on the way come after these.
+    as bounds; in another parameter than that of its branch, its gait is continued. Branches that begin on the way come
+    after these.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ def follow_family(
     UnknownNameError, ProblemError, SolveError
         See ``Request.first_gait`` and ``switching.beginnings``.
     """
-    gait = request.first_gait(start)
+    gait, start = request.first_gait(start), request.begin(start)
     value = gait.dynamics.parameter(request.parameter)
     numbers = count(1 + max((stored.largest for stored in done), default=-1))
     new = partial(Continuation, gait=gait, numbers=numbers, should_stop=should_stop)

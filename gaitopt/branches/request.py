@@ -53,6 +53,11 @@ class Request(ContinueRequest):
     follow: Mapping[str, int] = field(default_factory=dict)
     largest_length: float = LARGEST_LENGTH
 
+    def begin(self, start: Gait | SpecialPoint) -> Gait | SpecialPoint:
+        """What is continued: the gait of a special point if the branch of that point is in another parameter."""
+        other = isinstance(start, SpecialPoint) and start.parameter not in ("", self.parameter)
+        return start.gait if isinstance(start, SpecialPoint) and other and start.gait is not None else start
+
     def first_gait(self, start: Gait | SpecialPoint) -> Gait:
         """The gait at which the family begins, with the friction law that has the parameter.
 

@@ -32,7 +32,7 @@ from gaitopt.cli.options import (
 )
 from gaitopt.cli.runs import gait_of, load, report
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
-from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.errors import UnknownNameError
 from gaitopt.requests import (
     AtlasRequest,
     AttractorsRequest,
@@ -69,7 +69,7 @@ def continue_(
         typer.Argument(
             metavar="PROBLEM",
             help="A name, a .yaml file, the run folder of a gait, or RUN@special.K for the other branches through the "
-            "K-th special point of a branch.",
+            "K-th special point of a branch, or in another parameter for its gait.",
         ),
     ],
     param: Annotated[str, option(ContinueRequest, "parameter", "--param", metavar="KEY")],
@@ -96,7 +96,8 @@ def continue_(
     The branch passes folds and changes of the mode sequence, and special points are located on it.
 
     RUN@special.K follows the other branches through a special point: cycles with twice as many steps at a period
-    doubling, the crossing curve at a branch point, other mode sequences at a mode change.
+    doubling, the crossing curve at a branch point, other mode sequences at a mode change. In another parameter
+    than that of its branch, the gait at the special point is continued.
     Every point is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import stored, verbs
@@ -114,10 +115,6 @@ def continue_(
             )
         start, _ = stored.load_special_point(problem)
         gait = start.gait
-        if gait is not None and gait.problem.free:  # a point of a branch does not store the values of the design
-            raise ProblemError(
-                f"{gait.problem.name} has free parameters: fix them at the values of the design, then continue"
-            )
     else:
         start = gait = gait_of(problem, changes, None, terminal, keep=False)[0]
         if not gait.converged:

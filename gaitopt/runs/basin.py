@@ -364,7 +364,8 @@ class BasinPlan(Plan[Basin], BasinRequest):
     ) -> Self:
         """The basin of a grid around the state of a gait, or around a problem's guess."""
         if isinstance(start, Gait):
-            problem, p = start.problem, tuple(start.p.tolist())
+            fixed = start.problem.with_fixed(start.dynamics.parameters) if start.problem.free else start.problem
+            problem, p = fixed, tuple(start.p.tolist())
             state = dict(zip(start.system.state_names, start.state.tolist(), strict=True))
         else:
             problem, p, state = start, None, dict(start.guess.state)

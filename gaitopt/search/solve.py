@@ -106,9 +106,7 @@ def solve_attractor(
     """
     problem = attractor.problem
     if problem.free:
-        raise ProblemError(
-            f"{problem.name} has free parameters: fix them at the values of the design, then compute its basin"
-        )
+        raise ProblemError(f"{problem.name} has free parameters: compute the basin of its gait, which has their values")
     dynamics = problem_dynamics(problem, should_stop=should_stop)
     simulator, n_steps = Simulator(dynamics), attractor.period * dynamics.system.walker.steps_per_cycle()
     section = problem.map_section

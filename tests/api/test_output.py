@@ -151,6 +151,30 @@ def test_every_verb_starts_from_an_element_of_a_stored_result(run):
     assert swept.column("period")[1] == pytest.approx(alone.scalar("period"), rel=1e-10)
     with pytest.raises(UnknownNameError, match="no special point '9'"):
         go.solve("branch@special.9")
+    slopes = {"parameter": "walker.slope", "to": 0.23, "max_points": 2, "progress": False}
+    other = go.continuation(go.load_run("branch@special.0"), output="slopes", **slopes)  # of a branch in friction
+    assert other[0].gait.state == pytest.approx(branch.specials[0].gait.state, abs=1e-10)
+    assert other[1].gait.dynamics.parameter("friction") == branch.specials[0].value
+
+
+@pytest.mark.slow
+def test_special_points_and_attractors_of_a_design_have_its_values():
+    wheel = go.load_problem(WHEEL)
+    speed, slope = 1.001 * go.solve(wheel).scalar("speed"), wheel.parameters["walker.slope"]
+    free = {"walker.slope": {"free": [0.9 * slope, 1.1 * slope], "guess": slope}}
+    design = go.solve(wheel.replace(free | {"objective": "period", "constraints.speed": speed}), progress=False)
+    found = design.freed["walker.slope"]
+    branch = go.continuation(design, "friction", TARGET, output="branch", progress=False)
+    special = next(k for k, point in enumerate(branch.specials) if point.gait is not None)
+    start = go.load_run(f"branch@special.{special}")
+    longer = go.continuation(start, "walker.radius", 1.01, progress=False)[-1].gait
+    assert longer.dynamics.parameter("walker.slope") == found
+    rate = float(design.state[design.system.state_names.index("dtheta")])
+    over = {"dtheta": (0.99 * rate, 1.01 * rate, 2)}
+    basin = go.basin(design, over, steps=60, workers=1, output="basin", progress=False)
+    again = go.solve(basin.attractors[0], progress=False)
+    assert again.dynamics.parameter("walker.slope") == found
+    assert again.period == pytest.approx(design.period, rel=1e-10)
 
 
 def test_a_kept_gait_is_taken_from_its_folder_on_request(monkeypatch):

@@ -1,6 +1,7 @@
 """Searches for gaits of walkers with several contacts, whose modes are open."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from contact_problems import contact_gait, contact_problem
@@ -44,6 +45,8 @@ def test_the_legs_that_walk_also_run_in_two_gaits() -> None:
     problem = contact_problem("slip-walk").replace(RUN)
     plan = SearchPlan(problem=problem, starts=250)
     short, long = search(plan, ResumableJobs(workers=Workers(count=1)))
+    other = problem.replace({"gait.impact": {"front": "stick", "back": "stick"}})  # one leg lands
+    assert not search(replace(plan, problem=other), ResumableJobs(workers=Workers(count=1)))
     assert short.spectral_radius < 1 < long.spectral_radius
     assert short.period < long.period
     for gait in (short, long):
