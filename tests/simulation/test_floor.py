@@ -238,8 +238,13 @@ def test_a_walk_that_ends_as_impact_inconsistent_meets_the_ground_from_below_beh
     assert 2 * length * np.sin(theta1[-1]) < -0.1  # place of the swing foot, counted from the stance foot
 
 
-def test_gait_a_falls_on_a_thousand_tiles_of_random_friction():
+@pytest.mark.parametrize(
+    ("name", "walks"),
+    [("compass-passive-a", False), pytest.param("compass-torque-robust", True, marks=pytest.mark.slow)],
+)
+def test_gait_a_falls_on_a_thousand_tiles_on_which_the_robust_design_walks(name, walks):
     floor = Floor.random("friction=0.12:0.2", 1001, seed=1)
     assert len(floor) == 1001
-    walk = simulate("compass-passive-a", steps=1000, floor=floor)
-    assert walk.trajectory.ending in ("fall", "impact_inconsistent")
+    walk = simulate(named(name), steps=1000, floor=floor)
+    assert walk.completed == walks
+    assert walks or walk.trajectory.ending in ("fall", "impact_inconsistent")
