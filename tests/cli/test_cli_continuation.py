@@ -109,6 +109,7 @@ def test_finished_branch_is_not_computed_again(run, monkeypatch):
     assert first == second
 
 
+@pytest.mark.slow
 def test_two_targets_start_from_the_same_gait(run):
     code, out, _ = run(*COMMAND, "--to", "1.1", "--json")
     assert code == 0

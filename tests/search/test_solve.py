@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from samples import sampled
 
 from gaitopt import Gait, Problem, load_problem, parse_problem, solve, sweep
 from gaitopt.api.stored import save
@@ -63,10 +64,7 @@ def test_command_library_sweep_and_worker_agree_to_the_last_digit(name, run):
             assert digits(last) == expected
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=pytest.mark.slow if n in ("two steps", "not enough energy") else ()) for n in CHANGED],
-)
+@pytest.mark.parametrize("name", sampled(CHANGED, 3))
 def test_the_last_bits_of_a_changed_value_do_not_decide_the_outcome(name):
     file, changes = CHANGED[name]
     gaits = list[Gait]()

@@ -147,6 +147,7 @@ def test_the_motors_do_the_work_of_virtual_gravity() -> None:
     assert named("compass-shaped").measures["cost_of_transport"] == pytest.approx(sin(VIRTUAL), abs=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.portable
 def test_the_shaped_compass_slips_backward_first_below_the_known_friction() -> None:
     """Just before the impact: required friction of the gait, Newton's law by hand, and a family in the friction."""
