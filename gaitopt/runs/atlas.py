@@ -342,26 +342,11 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
 
     def _begun(self, traces: Mapping[str, Record]) -> Iterator[Job]:
         """A job for every curve that begins at a codimension-two point, or passes through it, and is not traced yet."""
-        known, most = {key: _traced([record]) for key, record in traces.items()}, self._most_steps
-        begun = list[tuple[str, Array]]()
-        for key, record in traces.items():
-            for special in record["located"]:
-                place = np.array([*special["values"].values()])
-                for number, start in enumerate(special["next"]):
-                    kind, steps = start["type"], len(start.get("gait", special["gait"]).get("steps", (1,)))
-                    covered = any(
-                        alike(kind, trace.type)
-                        and trace.steps == steps
-                        and trace.covers((place[0], place[1]), self.sizes)
-                        for other, found in known.items()
-                        for trace in found
-                        if other != key
-                    ) or any(alike(kind, other) and np.allclose(place, at, rtol=SAME_VALUE) for other, at in begun)
-                    arguments = ["next", kind, place.tolist()], untraced(kind), self.axes, dict(special), number
-                    job = self._job(next_job, *arguments)
-                    if steps <= most and not covered and job.key not in traces:
-                        begun.append((kind, place))
-                        yield job
+        for special, number in begun_curves(traces, self.sizes, self._most_steps):
+            kind, place = special["next"][number]["type"], [*special["values"].values()]
+            job = self._job(next_job, ["next", kind, place], untraced(kind), self.axes, dict(special), number)
+            if job.key not in traces:
+                yield job
 
     @property
     def _most_steps(self) -> int:
@@ -414,6 +399,38 @@ def _traced(records: Iterable[Record]) -> list[Traced]:
         for record in records
         if len(record["trace"]) > 1
     ]
+
+
+def begun_curves(traces: Mapping[str, Record], sizes: Array, most: int) -> Iterator[tuple[Record, int]]:
+    """The curves that begin at codimension-two points, or pass through them, and that no other trace covers.
+
+    Parameters
+    ----------
+    traces : records of traces by the keys of their jobs.
+    sizes : of the ranges of both parameters.
+    most : largest number of steps of a cycle.
+
+    Returns
+    -------
+    curves : the record of the codimension-two point, and the number of the curve in its ``next``; each curve once.
+    """
+    known, begun = {key: _traced([record]) for key, record in traces.items()}, list[tuple[str, int, Array]]()
+    for key, record in traces.items():
+        others = [trace for other, found in known.items() if other != key for trace in found]
+        for special in record["located"]:
+            place = np.array([*special["values"].values()])
+            for number, start in enumerate(special["next"]):
+                kind, steps = start["type"], len(start.get("gait", special["gait"]).get("steps", (1,)))
+                covered = any(
+                    alike(kind, trace.type) and trace.steps == steps and trace.covers((place[0], place[1]), sizes)
+                    for trace in others
+                ) or any(
+                    alike(kind, other) and steps == count and np.allclose(place, at, rtol=SAME_VALUE)
+                    for other, count, at in begun
+                )
+                if steps <= most and not covered:
+                    begun.append((kind, steps, place))
+                    yield special, number
 
 
 def is_traceable(special: Record) -> bool:

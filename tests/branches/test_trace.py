@@ -19,12 +19,13 @@ from gaitopt.branches.monitors import monitor_values
 from gaitopt.branches.normal_forms import local_map
 from gaitopt.branches.trace import follow_curve, traced_start
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
-from gaitopt.gait.trace import TracePoint
+from gaitopt.gait.trace import CurveStart, TracePoint, TraceSpecial
 from gaitopt.requests import TraceRequest
 from gaitopt.runs.trace import TRACE_FILE, traced_family
 from gaitopt.solver.assembly import solution_of
 from gaitopt.solver.newton import Solution, polish
 from gaitopt.store.files import lines_text, read_lines
+from gaitopt.store.gaits import trace_special
 from gaitopt.store.run import Run
 from gaitopt.store.trace import resumable_trace, stored_traces
 
@@ -385,6 +386,28 @@ def test_a_bound_of_the_first_parameter_ends_the_curve_there():
     (end,) = curve.specials
     assert (end.bound, end.reason) == (True, "reached friction = 0.1445")
     assert end.values["friction"] == pytest.approx(0.1445, rel=0, abs=1e-12)
+
+
+def test_the_gait_of_a_curve_that_begins_with_another_cycle_is_read_back():
+    gait, doubled = named("compass-passive-a"), named("compass-passive-two-step")
+    values = {"friction": gait.problem.parameters["friction"], SLOPE: gait.problem.parameters[SLOPE]}
+    margin = ("normal_force", 0, 0)
+    starts = [CurveStart(type="margin", parameter="friction", gait=each, margin=margin) for each in (gait, doubled)]
+    point = TraceSpecial(
+        curve=0,
+        type="margin_period_doubling",
+        values=values,
+        codimension=2,
+        status="converged",
+        next=(*starts,),
+        gait=gait,
+    )
+    record = json.loads(json.dumps(point.to_record()))
+    assert ["gait" in start for start in record["next"]] == [False, True]
+    record["next"][1]["gait"]["parameters"] = {key: doubled.problem.parameters[key] for key in values}
+    restored = trace_special(traced_family(gait.problem, "friction", SLOPE), "friction", record)
+    assert [len(start.gait.steps) for start in restored.next] == [1, 2]
+    assert restored.next[1].gait.state == pytest.approx(doubled.state)
 
 
 # ---- bad input

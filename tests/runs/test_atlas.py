@@ -8,7 +8,7 @@ from named import named
 
 import gaitopt as go
 from gaitopt.errors import ArgumentError, ProblemError, UnknownNameError
-from gaitopt.runs.atlas import ATLAS_JOBS, read_atlas
+from gaitopt.runs.atlas import ATLAS_JOBS, begun_curves, read_atlas
 
 WHEEL = {"friction": (0.85, 1.0), "walker.slope": ("12.6 deg", "13.4 deg")}
 
@@ -65,6 +65,29 @@ def test_the_atlas_of_the_compass_has_its_resonances_and_regions(tmp_path) -> No
     (torus,) = [curve for curve in found.arrangement.curves if curve.type == "neimark_sacker"]
     at_1 = np.interp(radians(1), torus.points[:, 1], torus.points[:, 0])
     assert at_1 == pytest.approx(0.1103495808, abs=1e-4)
+
+
+def test_every_curve_that_begins_at_a_codimension_two_point_is_traced_once() -> None:
+    doubled, place = {"type": "margin", "gait": {"steps": [{}, {}]}}, {"friction": 0.1, "walker.slope": 0.03}
+    flips = {
+        "type": "margin_period_doubling",
+        "values": place,
+        "gait": {},
+        "next": [{"type": "period_doubling"}, doubled],
+    }
+    margin = {"type": "impact_change", "steps": 1, "trace": [[0.1, 0.01], [0.1, 0.05]], "located": [flips]}
+
+    def begun(traces: dict, most: int = 1) -> list[str]:
+        curves = begun_curves(traces, np.array([0.3, 0.08]), most)
+        return [special["next"][number]["type"] for special, number in curves]
+
+    assert begun({"margin": margin}) == ["period_doubling"]
+    assert begun({"margin": margin}, most=2) == ["period_doubling", "margin"]
+    back = {**flips, "next": [{"type": "margin"}]}
+    known = {"type": "period_doubling", "steps": 1, "trace": [[0.1, 0.03], [0.2, 0.05]], "located": [back]}
+    assert begun({"margin": margin, "flips": known}) == []
+    assert begun({"margin": margin, "flips": {**known, "steps": 2}}) == ["period_doubling"]
+    assert begun({"margin": margin, "same": {**margin, "type": "fold"}}) == ["period_doubling"]
 
 
 def test_wrong_atlases_are_refused(tmp_path) -> None:
