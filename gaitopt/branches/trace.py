@@ -67,6 +67,10 @@ STRAY = 10.0
 """Largest distance of the first point with another mode sequence from the point before it, in step lengths."""
 SILENT = 1e-8
 """A monitor whose value is below this number vanishes along the whole curve, or at its first point."""
+DEGRADED = 1e-5
+"""Where a monitor is below this, as the duration of a phase that vanishes, rounding spoils the cubic coefficient."""
+FALLEN = 1e-6
+"""A monitor that was closer to zero than this before a step, and is below minus this after it, vanished before it."""
 AT_BOUND = 1e-9
 """A point is at a bound if its relative distance from it is below this number."""
 HALVES_APART = (1e-3, 1e-2)
@@ -380,8 +384,10 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
 
     def _lost(self, before: CurvePoint, after: CurvePoint) -> list[MonitorKey]:
         """Monitors that vanish on a step; not those that are zero along the whole curve."""
-        silent = {key for key, monitor in before.monitors.items() if abs(monitor.value) < SILENT}
-        return [key for key in after.lost(before) if key not in silent and key != self.own]
+        near = {key: abs(m.value) for key, m in before.monitors.items() if abs(m.value) < FALLEN and key != self.own}
+        lost = [key for key in after.lost(before) if near.get(key, FALLEN) >= SILENT and key != self.own]
+        fallen = (key for key in near if key in after.monitors and after.monitor(key) < -FALLEN)
+        return [*lost, *(key for key in fallen if key not in lost)]
 
     def _at_bound(self, here: CurvePoint, point: CurvePoint, length: float) -> tuple[CurvePoint, float] | None:
         reached = list[tuple[float, CurvePoint]]()
@@ -417,7 +423,9 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             values = (at.curve_test(name, here) for at in (location.point, here, point))
             if not is_zero(*values) or (not self.index and location.length < BESIDE):  # or the point that it begins at
                 continue
-            if location.point.at.durations.min() < 0:  # of a phase that vanishes at the end of the step
+            positive = (key for key, m in here.monitors.items() if key != self.own and abs(m.value) > SILENT)
+            others = (location.point.monitor(key) for key in positive)
+            if name == DEGENERATE.get(self.kind) and min(others, default=np.inf) < DEGRADED:
                 continue
             if name.endswith("_neimark_sacker") and not others_are_complex(local, self.kind, kappa):
                 continue

@@ -471,13 +471,15 @@ class Location(Generic[T]):
 def located(
     start: T, end: T, length: float, step: Callable[[float], T | None], function: Callable[[T], float]
 ) -> Location[T]:
-    """The zero of ``function`` on the step of arclength ``length`` from ``start`` to ``end``.
+    """The zero of ``function`` on the step of arclength ``length`` from ``start`` to ``end``; if none, ``start``.
 
     Parameters
     ----------
     step : maps an arclength from ``start`` to the point there, or to None if there is none.
     """
     points: dict[float, T] = {0.0: start, length: end}
+    if function(start) * function(end) > 0:
+        return Location(length=0.0, point=start, status="converged")
 
     def value(at: float) -> float:
         if at not in points:

@@ -280,6 +280,19 @@ def test_a_bifurcation_curve_ends_where_the_multipliers_jump_and_names_both_spec
 
 
 @pytest.mark.slow
+def test_a_curve_ends_where_a_phase_of_a_contact_vanishes_and_never_passes_into_negative_durations():
+    """Where the heel no longer slips, friction does not matter: the sticking gait doubles at one length of the toe."""
+    flips = special("heel-toe", "period_doubling", "friction", 0.2)
+    curve = trace(flips, "walker.toe", 0.06, verify_every=0, progress=False)
+    meeting, end = curve.specials[-2:]
+    assert (meeting.type, end.type) == ("margin_period_doubling", "end")
+    assert "heel slip_forward" in meeting.reason
+    assert end.values["walker.toe"] == pytest.approx(0.0574111405, abs=1e-9)
+    assert min(phase["duration"] for point in curve for phase in point.gait.to_record()["phases"]) > 0
+    assert not curve.special("generalised_flip")
+
+
+@pytest.mark.slow
 def test_the_margin_of_the_doubled_gait_is_tangent_to_the_period_doublings_that_meet_the_margin():
     """Colombo & Dercole (2010): their distance grows like the square of that between the halves of the gait."""
     changes = special("compass-passive-a", "mode_change", "friction", 0.174)
