@@ -95,6 +95,20 @@ def test_the_robust_compass_is_a_gait_at_41_frictions_by_solve_and_by_continuati
 
 
 @pytest.mark.slow
+def test_the_robust_reference_is_a_gait_over_its_range_and_costs_little_more_than_that_for_one_friction():
+    gait = named("compass-pd-robust")
+    over = gait.over
+    assert over.binding["speed"] == 0.15
+    assert over.single < over.objective < 1.05 * over.single
+    for friction in np.linspace(0.15, 0.35, 9).tolist():
+        other = on_floor(gait, friction)
+        assert go.verify(other).passed
+        assert other.spectral_radius < 0.8
+        assert min(other.scalar("speed") / 0.6, other.scalar("step_length") / 0.35) > 1 - 1e-6
+        assert other.scalar(COST) <= over.objective * (1 + 1e-6)
+
+
+@pytest.mark.slow
 def test_gait_a_falls_on_a_thousand_random_tiles_and_the_robust_compass_does_not():
     floor = go.Floor.random("friction=0.12:0.2", TILES, seed=1)
     robust, passive = (go.simulate(named(name), steps=TILES, floor=floor) for name in (NAME, "compass-passive-a"))

@@ -16,7 +16,13 @@ from gaitopt.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 
-DESIGNS = {"compass-pd-designed": 4, "compass-pd-slippery": 2, "compass-torque-robust": 2, "rabbit-optimal": 2}
+DESIGNS = {
+    "compass-pd-designed": 4,
+    "compass-pd-slippery": 2,
+    "compass-torque-robust": 2,
+    "compass-pd-robust": 1,
+    "rabbit-optimal": 2,
+}
 """Curves are designed anew for each gait, which takes long; farther away their constraints cannot be met."""
 LONG = (
     "rabbit-hzd",
