@@ -1146,7 +1146,8 @@ def robustness(
       that does not return.
     - ``sensitivity``: the gait sensitivity norm (Hobbelen & Wisse 2007): the root of the sum of the squares of the
       changes that one tile causes in all steps, from friction, height and slope to period, step length, clearance and
-      least distance to the friction cone.
+      least distance to the friction cone. The derivatives are exact for a walker on one foot; for several contacts they
+      are extrapolated from differences of walks.
     - ``falls``: mean number of steps to a fall on random tiles, its 99 % interval, and the metastable eigenvalue.
 
     Parameters

@@ -661,7 +661,7 @@ def robustness_rows(record: Mapping[str, Any]) -> list[tuple[str, str, str, str]
         for name, value in outputs.items():
             unit = f"{NORM_UNITS[name]}{TILE_UNITS[quantity]}"
             words = f"norm from {quantity} to {name.replace('_', ' ')} [{unit}]"
-            rows.append((words, _figure(value), "", "exact derivatives"))
+            rows.append((words, _figure(value), "", "derivatives of the walk"))
     falls = record.get("falls")
     if falls is not None:
         low, high = falls["interval"]
