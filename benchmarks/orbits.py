@@ -22,6 +22,7 @@ import gaitopt as go
 from gaitopt.api.verbs import check_proof
 from gaitopt.engines.plant import tree_record
 from gaitopt.gait.measures import observe
+from gaitopt.model.modes import FOOT, OFF, SWING_FOOT, Mode
 from gaitopt.problem.writing import ExactValues, write_problem
 from gaitopt.proof.prove import stated_problem
 from gaitopt.show.film import skeleton
@@ -30,7 +31,7 @@ from gaitopt.show.motion import resampled
 from gaitopt.show.orbits import orbit_record
 from gaitopt.show.style import MODE_WORDS, dashes, encoded, figure_style
 
-VERSION = "2.1.2"
+VERSION = "2.2.0"
 """Of the set; a change of a number or a key changes it."""
 FOLDER = Path(__file__).parents[1] / "results" / "reference-orbits"
 POSTURES, SMOOTH = 8, 60
@@ -132,42 +133,53 @@ def sha256(path: Path) -> str:
 
 
 def picture(gait: go.Gait) -> bytes:
-    """Postures, ratio of the contact forces with the cone, and position of the stance foot, as PNG."""
+    """Postures, ratio of the contact forces with the cone, and path of every contact along the ground, as PNG."""
     with figure_style():
         figure = Figure(figsize=(6.4, 6.0))
         posture, ratio, slip = figure.subplots(3, 1, height_ratios=(2, 1, 1))
-    walked, began, x = 0.0, 0.0, gait.system.n_shape
+    walked, began, names = 0.0, 0.0, gait.system.walker.contact_names()
     for step in gait.steps:
+        paths = dict.fromkeys(names, 0.0)
         for arc in step.arcs:
             fine = resampled(arc, SMOOTH)
-            style = {"color": MODE_COLOURS[arc.mode.contact], "linestyle": dashes(arc.mode)}
-            force = observe(fine).force
-            if arc.mode.touching:
-                ratio.plot(began + fine.times, force[:, 0] / np.where(force[:, 1] == 0, np.nan, force[:, 1]), **style)
-            slip.plot(began + fine.times, 1e3 * fine.states[:, x].round(DIGITS), **style)
+            observed, h = observe(fine), fine.times[1] - fine.times[0]
+            for k, name in enumerate(names):
+                state = Mode.of_feet({FOOT: arc.mode.contacts[name], SWING_FOOT: OFF})
+                style = {"color": MODE_COLOURS[state], "linestyle": dashes(arc.mode)}
+                force, speed = observed.force[:, 2 * k : 2 * k + 2], observed.slip[:, k]
+                path = paths[name] + np.append(0.0, np.cumsum((speed[1:] + speed[:-1]) / 2 * h))
+                paths[name] = float(path[-1]) if name in arc.mode.touching else 0.0
+                if name in arc.mode.touching:
+                    share = force[:, 0] / np.where(force[:, 1] == 0, np.nan, force[:, 1])
+                    ratio.plot(began + fine.times, share, **style)
+                if name in arc.mode.touching or not gait.system.walker.contacts:
+                    slip.plot(began + fine.times, 1e3 * path.round(DIGITS), **style)
             drawn = skeleton([resampled(arc, max(2, round(POSTURES * arc.duration / step.period)))])
             for points in drawn.points:
                 for a, b in drawn.legs:
                     stance = 0 in (a, b) or not {a, b}.isdisjoint(drawn.contacts)
                     posture.plot(
                         walked + points[[a, b], 0], points[[a, b], 1], lw=1.2, alpha=0.9 if stance else 0.4,
-                        color=style["color"],
+                        color=MODE_COLOURS.get(arc.mode.contact, "0.3"),
                     )  # fmt: skip
         began, walked = began + step.period, walked + step.final_impact.step_length
     for side in (-1, 1):
-        ratio.axhline(side * gait.dynamics.static_friction, color="0.5", lw=0.9, ls="-.")
+        for static, _, _ in gait.system.contact_coefficients(gait.dynamics.p).values():
+            ratio.axhline(side * static, color="0.5", lw=0.9, ls="-.")
     posture.set_aspect("equal", adjustable="box")
     posture.set(title=fill(f"{gait.problem.name}: {gait.cycle}".replace("_", " "), 80), xlabel="x [m]", ylabel="y [m]")
     posture.title.set_fontsize(9)
     ratio.tick_params(labelbottom=False)
     ratio.set(ylabel="f_t / f_n", xlabel="")
-    slip.set(ylabel="foot x [mm]", xlabel="t [s]")
+    slip.set(ylabel="path on the ground [mm]" if gait.system.walker.contacts else "foot x [mm]", xlabel="t [s]")
     low, high = slip.get_ylim()
     slip.set_ylim(min(low, -LEAST_SLIP), max(high, LEAST_SLIP))
     ratio.set_xlim(slip.get_xlim())
     entries = [
         Line2D([], [], color=MODE_COLOURS[mode], linestyle=dashes(mode), label=MODE_WORDS[mode])
-        for mode in dict.fromkeys(mode.contact for mode, _ in gait.phases)
+        for mode in dict.fromkeys(
+            Mode.of_feet({FOOT: mode.contacts[name], SWING_FOOT: OFF}) for mode, _ in gait.phases for name in names
+        )
     ]
     entries.append(Line2D([], [], color="0.5", lw=0.9, ls="-.", label="cone"))
     with figure_style():
@@ -180,13 +192,19 @@ def readme(orbits: list[dict]) -> str:
     rows = []
     for orbit in orbits:
         motion, name = orbit["orbit"], orbit["name"]
-        modes = ", ".join(phase["mode"] for phase in motion["phases"])
-        impacts = ", ".join(event["impact"] for event in motion["events"] if event["to"] == "impact")
+        modes, impacts = (
+            ", ".join(Mode(mode).brief for mode in words)
+            for words in (
+                [phase["mode"] for phase in motion["phases"]],
+                [event["impact"] for event in motion["events"] if event["to"] == "impact"],
+            )
+        )
         tree = f"[MJCF]({name}.mjcf.xml), [URDF]({name}.urdf)" if (FOLDER / f"{name}.urdf").exists() else ""
         proof = f"[proved](certificates/{name}.json)" if orbit["proved"] else "not proved"
         radius = f"{motion['spectral_radius']['value']:.4f}"
         rows.append(
-            f"| [{name}]({name}.json) ([picture]({name}.png)) | {orbit['mechanism']} | {modes}; impact: {impacts} | "
+            f"| [{name}]({name}.json) ([picture]({name}.png)) | {orbit['mechanism']} | "
+            f"{modes}; impact: {impacts or 'none'} | "
             f"{motion['period']['value']:.6f} | {radius} | {proof} | {tree} |\n"
         )
     count = sum(orbit["proved"] for orbit in orbits)

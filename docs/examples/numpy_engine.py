@@ -14,7 +14,7 @@ class Simulator:
 
     def __init__(self, tree, friction, dt, settings):
         self.tree, self.friction, self.dt, self.sweeps = tree, friction, dt, settings["sweeps"]
-        self.units = np.eye(2 + len(tree.bodies))  # rates of one coordinate at a time
+        self.units = np.eye(tree.n)  # rates of one coordinate at a time
         self.turning = np.array([tree.angles(unit) for unit in self.units]).T
 
     def place(self, q, v):
@@ -32,16 +32,16 @@ class Simulator:
             M += body.mass * J.T @ J + body.inertia * np.outer(self.turning[k], self.turning[k])
             h += body.mass * J.T @ (np.array(tree.gravity) - drift / 2e-6)
         v = v + dt * np.linalg.solve(M, h)
-        contacts = [k for k in range(2) if touching[k] and tree.foot(k, q, v)[0][1] <= 0]
+        contacts = [k for k in range(len(tree.feet)) if touching[k] and tree.foot(k, q, v)[0][1] <= 0]
         Js = [self.jacobian(lambda u, k=k: tree.foot(k, q, u)[1]) for k in contacts]
         responses = [np.linalg.solve(M, J.T) for J in Js]
-        impulses = np.zeros((2, 2))
+        impulses = np.zeros((len(tree.feet), 2))
         for _ in range(self.sweeps):
             before = impulses.copy()
             for k, J, R in zip(contacts, Js, responses, strict=True):
                 normal = max(impulses[k, 1] - J[1] @ v / (J[1] @ R[:, 1]), 0.0)
                 v = v + R[:, 1] * (normal - impulses[k, 1])
-                bound = self.friction * normal
+                bound = self.friction * tree.feet[k].share * normal
                 tangential = float(np.clip(impulses[k, 0] - J[0] @ v / (J[0] @ R[:, 0]), -bound, bound))
                 v = v + R[:, 0] * (tangential - impulses[k, 0])
                 impulses[k] = tangential, normal

@@ -45,18 +45,17 @@ class Simulator:
     def __init__(self, tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) -> None:
         self._model = mujoco.MjModel.from_xml_string(_xml(tree, friction, dt, settings))
         self._data = mujoco.MjData(self._model)
-        self._n = 2 + len(tree.bodies)
-        joints = [self._model.joint(f"joint{k}") for k in range(self._n)]
+        joints = [self._model.joint(f"joint{k}") for k in range(tree.n)]
         self._q, self._v = ([int(j.qposadr[0]) for j in joints], [int(j.dofadr[0]) for j in joints])
-        self._feet = [self._model.geom(f"foot{k}").id for k in range(2)]
+        self._feet = [self._model.geom(f"foot{k}").id for k in range(len(tree.feet))]
 
     def place(self, q: Array, v: Array) -> None:
         """Set coordinates and rates."""
         self._data.qpos[self._q], self._data.qvel[self._v] = q, v
 
-    def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
+    def step(self, force: Array, touching: tuple[bool, ...]) -> tuple[Array, Array, Array]:
         """Advance by one time step under forces on the coordinates; see ``outcome.Simulator``."""
-        data, forces, wrench = self._data, np.zeros((2, 2)), np.zeros(6)
+        data, forces, wrench = self._data, np.zeros((len(self._feet), 2)), np.zeros(6)
         for foot, on in zip(self._feet, touching, strict=True):
             self._model.geom_contype[foot] = int(on)
         data.qfrc_applied[self._v] = force
@@ -77,7 +76,6 @@ def _xml(tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) ->
     SubElement(root, "option", option, timestep=repr(dt), gravity=f"{tree.gravity[0]!r} 0 {tree.gravity[1]!r}",
                iterations="200", ls_iterations="100", ls_tolerance="1e-6")  # fmt: skip
     contact = {
-        "friction": f"{friction!r} 0 0",
         "condim": "3",
         "solref": settings["solref"].replace("2dt", repr(2 * dt)),
     }
@@ -85,26 +83,25 @@ def _xml(tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) ->
     world = SubElement(root, "worldbody")
     low = 0.0 if tree.feet[0].radius else -radius
     ground = {"type": "plane", "size": "0 0 1", "pos": f"0 0 {low!r}", "contype": "0", "conaffinity": "1"}
-    SubElement(world, "geom", ground | contact)
+    SubElement(world, "geom", ground | contact, friction="0 0 0")  # the larger coefficient of a pair counts
     elements: list[Element] = []
     for k, body in enumerate(tree.bodies):
         parent = world if body.parent < 0 else elements[body.parent]
         x, z = body.position
         element = SubElement(parent, "body", pos=f"{x!r} 0 {z!r}")
         elements.append(element)
-        joints = (
-            [("slide", "1 0 0"), ("slide", "0 0 1"), ("hinge", "0 1 0")] if body.parent < 0 else [("hinge", "0 1 0")]
-        )
+        slides, hinge = [("slide", "1 0 0"), ("slide", "0 0 1")], [("hinge", "0 1 0")]
+        joints = slides if tree.slides else slides + hinge if body.parent < 0 else hinge
+        first = 2 * k if tree.slides else 0 if body.parent < 0 else 2 + k
         for j, (kind, axis) in enumerate(joints):
-            name = f"joint{2 + k if body.parent >= 0 else j}"
-            SubElement(element, "joint", name=name, type=kind, axis=axis, armature=repr(body.rotor if k else 0.0))
+            armature = repr(body.rotor if k else 0.0)
+            SubElement(element, "joint", name=f"joint{first + j}", type=kind, axis=axis, armature=armature)
         inertia = max(body.inertia, 1e-12)
         com = f"{body.com[0]!r} 0 {body.com[1]!r}"
         SubElement(element, "inertial", pos=com, mass=repr(body.mass), diaginertia=" ".join([repr(inertia)] * 3))
         for number, foot in enumerate(tree.feet):
             if foot.body == k:
                 shape = {"type": "sphere", "size": repr(foot.radius or radius), "contype": "1", "conaffinity": "0"}
-                SubElement(
-                    element, "geom", shape | contact, name=f"foot{number}", pos=f"{foot.tip[0]!r} 0 {foot.tip[1]!r}"
-                )
+                of_foot = {"pos": f"{foot.tip[0]!r} 0 {foot.tip[1]!r}", "friction": f"{friction * foot.share!r} 0 0"}
+                SubElement(element, "geom", shape | contact | of_foot, name=f"foot{number}")
     return tostring(root, encoding="unicode")

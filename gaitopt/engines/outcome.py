@@ -14,7 +14,7 @@ of a period, because a soft contact needs some time steps to end its impact. The
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import Any, ClassVar, Protocol
 
@@ -62,7 +62,7 @@ class Simulator(Protocol):
     def place(self, q: Array, v: Array) -> None:
         """Set coordinates and rates."""
 
-    def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
+    def step(self, force: Array, touching: tuple[bool, ...]) -> tuple[Array, Array, Array]:
         """Advance by one time step under forces on the coordinates.
 
         Parameters
@@ -117,7 +117,7 @@ def run(reference: Reference, simulator: type[Simulator], dt: float, settings: M
     changed = dict(settings)
     tree, mu = reference.tree, reference.friction * changed.pop("friction", 1.0)
     factor = changed.pop("gravity", 1.0)
-    tree = Tree(bodies=tree.bodies, feet=tree.feet, gravity=(factor * tree.gravity[0], factor * tree.gravity[1]))
+    tree = replace(tree, gravity=(factor * tree.gravity[0], factor * tree.gravity[1]))
     walk, (q, v) = simulator(tree, mu, dt, changed), reference.coordinates(0.0)
     walk.place(q, v)
     cycle = len(reference.gait.steps)
@@ -139,10 +139,13 @@ def run(reference: Reference, simulator: type[Simulator], dt: float, settings: M
         coordinates.append(q.copy())
         rates.append(v.copy())
         forces.append(f)
-        swing = 1 - reference.stance(step)
-        if step < cycle and local >= reference.windows[step][1] and f[swing, 1] > 0:
-            step, began = step + 1, float(t)
-            landings.append(float(t))
+        if reference.contacts:
+            ends = step < cycle and local + dt >= period - dt / 2  # with the clock
+        else:
+            ends = step < cycle and local >= reference.windows[step][1] and bool(f[1 - reference.stance(step), 1] > 0)
+        if ends:
+            step, began = step + 1, period if reference.contacts else float(t)
+            landings.append(began)
     if len(landings) < cycle:
         motion = _motion(reference, times, coordinates, rates, [*landings, np.inf])
         return Outcome(dt=dt, ending="no touchdown", motion=motion, seconds_per_second=spent / float(times[-1]))
@@ -155,7 +158,7 @@ def run(reference: Reference, simulator: type[Simulator], dt: float, settings: M
 def _measured(
     reference: Reference, times: Array, coordinates: Array, rates: Array, forces: Array, landings: Sequence[float]
 ) -> dict[str, Any]:
-    """The numbers of an outcome from coordinates, rates (m, n + 2) and forces (m, 2, 2) at times (m,)."""
+    """The numbers of an outcome from coordinates, rates (m, n + 2) and forces (m, number of feet, 2) at times (m,)."""
     cycle, period, tree = len(reference.gait.steps), float(reference.starts[-1]), reference.tree
     end = (1 + SETTLED) * period
 
@@ -177,8 +180,7 @@ def _measured(
     weight = tree.mass * float(np.hypot(*tree.gravity)) * reference.length
     slip, sequence, expected = {"slip_forward": 0.0, "slip_backward": 0.0}, list[Any](), list[Any]()
     creep = missed = invented = 0.0
-    for step in range(cycle):
-        foot = reference.stance(step)
+    for step, foot in [(k, foot) for k in range(cycle) for foot in reference.standing(k)]:
         first, last = float(reference.starts[step]), min(float(reference.starts[step + 1]), landings[step])
         first = max(first, landings[step - 1] + SETTLED * period) if step else first
         inside = np.flatnonzero((times >= first) & (times <= last))
@@ -191,13 +193,13 @@ def _measured(
         window = max(1, round(SHORTEST_MODE * period / (times[1] - times[0])))
         carried = np.convolve(forces[inside, foot, 1] > 0, np.ones(window), mode="same") > 0
         modes = np.where(carried, _modes(reference, speed), "off")
-        stated = _modes(reference, reference.slip_speed(step, times[inside] - reference.starts[step]))
+        stated = _modes(reference, reference.slip_speed(step, times[inside] - reference.starts[step], foot))
         slides, slips = (np.char.startswith(names, "slip") for names in (modes, stated))
         missed += float((slips & ~slides).sum() * (times[1] - times[0]) / period)
         invented += float((slides & ~slips).sum() * (times[1] - times[0]) / period)
         sequence.append(_runs(modes, window))
         expected.append(_runs(stated, window))
-        for arc in (arc for arc in reference.gait.steps[step].arcs if arc.mode.sticks):
+        for arc in (arc for arc in reference.gait.steps[step].arcs if reference.sticks(arc, foot)):
             margin = TRIMMED * arc.duration
             began, ended = (reference.starts[step] + t for t in (arc.start + margin, arc.end - margin))
             if began < ended < times[inside[-1]]:
@@ -211,7 +213,7 @@ def _measured(
         "slip_invented": invented,
         "sequence": tuple(sequence),
         "sequence_matches": sequence == expected,
-        "impact_error": _impact_error(reference, times, forces, end),
+        "impact_error": None if reference.contacts else _impact_error(reference, times, forces, end),
         "energy_error": (energies[0] - energies[1]) / weight,
         "deviation": tuple(early.tolist()),
     }
@@ -220,8 +222,10 @@ def _measured(
 def _state(reference: Reference, step: int, q: Array, v: Array) -> Array:
     """Angles, rates, and position and speed of the stance foot in a step, in natural units."""
     position, velocity = reference.tree.foot(reference.stance(step), q, v)
-    angles, rates = reference.tree.angles(q), reference.tree.angles(v)
     length, unit = reference.length, reference.time
+    angles, rates = reference.tree.angles(q), reference.tree.angles(v)
+    if reference.tree.slides:
+        angles, rates = q[2:] / length, v[2:] / length
     return np.concatenate([angles, rates * unit, position[:1] / length, velocity[:1] * unit / length])
 
 

@@ -1,12 +1,18 @@
 """A walker as a planar tree of rigid bodies in numbers, and the gait that a physics engine has to reproduce.
 
 The coordinates of an engine are the position (x, z) of the root body's origin, its angle, and for every joint the angle
-of its body minus that of the parent. Angles turn about y, from z towards x; at zero all frames have the axes of the
-ground. Bodies keep their names: when the feet of the gait swap roles, every body takes the role of its partner.
+of its body minus that of the parent. If the bodies of a walker do not turn, the coordinates are the positions (x, z) of
+all origins, of a child from that of its parent. Angles turn about y, from z towards x; at zero all frames have the axes
+of the ground. Bodies keep their names: when the feet of the gait swap roles, every body takes the role of its partner.
 
 The torques of the control law act on the absolute angles a of the bodies, with a = A shape + c:
 
     A' tau = E u
+
+A walker with several contacts declares no links. Its bodies and contacts form a tree if they can be divided into
+rigid links that share a body or contact with the first one, their hinge, or into bodies that do not turn. Points belong
+to one link if their distances do not depend on the posture. All of its contacts are on, and its cycle ends with the
+clock of its control law.
 
 The swing foot of a gait may pass through the ground (scuff), which the gait's guard ignores. Its contact is therefore
 off between two times of the step: when the gait's foot is highest before it scuffs, and when it is highest afterwards.
@@ -17,7 +23,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-from casadi import DM, SX, Function, jacobian, jtimes, substitute, vertcat, vertsplit
+from casadi import DM, SX, Function, atan2, horzcat, jacobian, jtimes, substitute, vertcat, vertsplit
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
@@ -33,12 +39,16 @@ from gaitopt.model.declaration import has_links, parameter_namespace, state_mech
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import ORIGIN, Link
-from gaitopt.model.section import TOUCHDOWN
+from gaitopt.model.modes import Mode
+from gaitopt.model.section import CLOCK, TOUCHDOWN
 
 POINT_RADIUS = 1e-6
 """Radius of the sphere in place of a point foot [m]: one of 0.1 mm rolls by 17 micrometres per second."""
 SAMPLES_PER_ARC = 200
 """Number of heights of the swing foot on every arc, from which scuffing is detected."""
+SPREAD, RIGID = 0.1, 1e-9
+"""Random changes of the posture [rad, m] at which distances of points are compared, and their relative differences
+within a rigid link."""
 TURN_DIGITS = 12
 """Decimals to which the turn of the bodies is rounded where the feet swap roles; the rest is rounding error."""
 STEP_END = 0.03
@@ -58,20 +68,32 @@ class Body(NamedTuple):
 
 
 class Foot(NamedTuple):
-    """A foot: the body, its tip (the centre of a round foot) and radius [m]."""
+    """A foot: the body, its tip (the centre of a round foot), radius [m], and share of the coefficient of friction."""
 
     body: int
     tip: tuple[float, float]
     radius: float
+    share: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tree:
-    """Bodies with parents first, the two feet with the stance foot first, and gravity (x, z)."""
+    """Bodies with parents first, the two feet with the stance foot first, or all contacts, and gravity (x, z).
+
+    Attributes
+    ----------
+    slides : whether no body turns.
+    """
 
     bodies: tuple[Body, ...]
-    feet: tuple[Foot, Foot]
+    feet: tuple[Foot, ...]
     gravity: tuple[float, float]
+    slides: bool = False
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return 2 * len(self.bodies) if self.slides else 2 + len(self.bodies)
 
     @property
     def mass(self) -> float:
@@ -81,7 +103,7 @@ class Tree:
     def angles(self, q: Array) -> Array:
         """Absolute angles of the bodies from the coordinates, or rates from rates; shape (n,)."""
         angles = np.zeros(len(self.bodies))
-        for k, body in enumerate(self.bodies):
+        for k, body in enumerate(() if self.slides else self.bodies):
             angles[k] = q[2 + k] + (angles[body.parent] if body.parent >= 0 else 0.0)
         return angles
 
@@ -101,11 +123,15 @@ class Tree:
             velocity = velocity + rates[body] * np.array([z * cosine - x * sine, -x * cosine - z * sine])
             if self.bodies[body].parent < 0:
                 return position, velocity
-            body, within = self.bodies[body].parent, self.bodies[body].position
+            within = self.bodies[body].position
+            if self.slides:
+                within = within[0] + q[2 * body], within[1] + q[2 * body + 1]
+                velocity = velocity + v[2 * body : 2 * body + 2]
+            body = self.bodies[body].parent
 
     def foot(self, foot: int, q: Array, v: Array) -> tuple[Array, Array]:
         """The gait's coordinates (x, y) of a foot and their rates: those of its tip, without the path that it rolls."""
-        body, tip, R = self.feet[foot]
+        body, tip, R, _ = self.feet[foot]
         position, velocity = self.point(body, tip, q, v)
         return position - (R * self.angles(q)[body], R), velocity - (R * self.angles(v)[body], 0)
 
@@ -116,11 +142,13 @@ class Tree:
         for k, body in enumerate(self.bodies):
             position, velocity = self.point(k, body.com, q, v)
             total += body.mass * (velocity @ velocity / 2 - np.dot(self.gravity, position))
-            total += body.inertia * rates[k] ** 2 / 2 + (body.rotor * v[2 + k] ** 2 / 2 if body.parent >= 0 else 0.0)
+            total += body.inertia * rates[k] ** 2 / 2 + (body.rotor * v[2 + k] ** 2 / 2 if body.rotor else 0.0)
         return float(total)
 
     def generalised(self, torques: Array) -> Array:
-        """Forces on the coordinates from torques on the absolute angles, shape (n + 2,)."""
+        """Forces on the coordinates from torques on the absolute angles, or forces on slides, shape (n + 2,)."""
+        if self.slides:
+            return np.concatenate([np.zeros(2), torques])
         total = np.array(torques, dtype=float)
         for k in reversed(range(len(self.bodies))):
             if self.bodies[k].parent >= 0:
@@ -138,7 +166,8 @@ class Reference:
     Attributes
     ----------
     tree : the bodies of the walker.
-    friction : coefficient of friction.
+    contacts : names of the contacts, if there are several.
+    friction : largest coefficient of friction of a foot.
     starts : times of the impacts [s], from 0 to the period.
     length, time : natural units [m, s].
     turn : angle by which all bodies turn when the feet swap roles, as for a wheel; 0 for other walkers [rad].
@@ -153,23 +182,33 @@ class Reference:
     def __init__(self, gait: Gait) -> None:
         _refuse(gait)
         self.gait, self.system = gait, gait.system
-        self.tree, self._poses, slopes, self._offset, self._partners = _tree(gait)
+        self.contacts = self.system.walker.contacts
+        tree = _tree_of_points if self.contacts else _tree
+        self.tree, self._poses, slopes, self._offset, self._partners = tree(gait)
         self._inverse = np.linalg.pinv(slopes)
         self._effort, self._springs = _forces(gait)
         self._idle = not self.system.walker.actuators or self.system.control.type == "none"
-        self.friction = gait.dynamics.static_friction
+        self.friction = largest_friction(gait)
         self.length, self.time = gait.dynamics.scales.length, gait.dynamics.scales.time
         self.starts = np.cumsum([0.0, *(step.period for step in gait.steps)])
         self._distances = np.cumsum([0.0, *(step.final_impact.step_length for step in gait.steps)])
-        self.windows = [_window(step) for step in gait.steps]
+        self.windows = [(0.0, 0.0) if self.contacts else _window(step) for step in gait.steps]
         self.turn = 0.0
         ends = (self.coordinates(t)[0] for t in (np.nextafter(self.starts[1], 0.0), self.starts[1]))
         before, after = map(self.tree.angles, ends)
         self.turn = float(np.round(before - after, TURN_DIGITS)[0])
 
     def stance(self, step: int) -> int:
-        """Index of the stance foot in a step: 0 or 1."""
-        return step % 2
+        """Index of the stance foot in a step: 0 or 1; the first one of several contacts."""
+        return 0 if self.contacts else step % 2
+
+    def standing(self, step: int) -> tuple[int, ...]:
+        """Indices of the feet that are compared in a step: the stance foot, or all contacts."""
+        return tuple(range(len(self.contacts))) or (self.stance(step),)
+
+    def sticks(self, arc: Arc, foot: int) -> bool:
+        """Whether a foot sticks in an arc of the gait."""
+        return arc.mode.contacts[self.contacts[foot]] == Mode.STICK if self.contacts else arc.mode.sticks
 
     def step_at(self, t: float) -> tuple[int, float]:
         """Number of the step at a time since the start, and time since its impact; the cycle continues by one step."""
@@ -188,14 +227,15 @@ class Reference:
         s = 2 * (local - arc.start) / arc.duration - 1
         return np.asarray(chebyshev.chebval(s, curves.coefficients(arc.states)), dtype=float)
 
-    def slip_speed(self, step: int, local: Array) -> Array:
-        """Speed of the gait's stance foot at times since the impact before a step, shape (m,) [m/s]."""
+    def slip_speed(self, step: int, local: Array, foot: int) -> Array:
+        """Speed of the gait's stance foot, or of a contact, at times since the start of a step, shape (m,) [m/s]."""
         speed = np.zeros(local.size)
         arcs = self.gait.steps[step % len(self.gait.steps)].arcs
         for arc in arcs:
             inside = (local >= arc.start) & ((local < arc.end) | (arc is arcs[-1]))
             s = 2 * (local[inside] - arc.start) / arc.duration - 1
-            speed[inside] = chebyshev.chebval(s, curves.coefficients(arc.states)[:, -1])
+            values = observe(arc).slip[:, [foot]] if self.contacts else arc.states[:, -1:]
+            speed[inside] = chebyshev.chebval(s, curves.coefficients(values)[:, 0])
         return speed
 
     def force(self, t: float) -> Array:
@@ -210,8 +250,11 @@ class Reference:
         (step, _), number = self.step_at(t), len(self.gait.steps)
         p = self.gait.steps[step % number].arcs[0].dynamics.p[: len(self.system.walker.model_fields)]
         angles, rates, origins, velocities = buffered(self._poses)(self.state(t), p)
-        angles, roles = angles + step * self.turn, self._roles(step)
         shift = self._distances[step % number] + (self._distances[-1] if step >= number else 0.0)
+        if self.tree.slides:
+            origins[0] += shift
+            return np.concatenate([origins[:2], angles]), np.concatenate([velocities[:2], rates])
+        angles, roles = angles + step * self.turn, self._roles(step)
         position, velocity = (values.reshape(-1, 2)[roles[0]] for values in (origins, velocities))
         return (
             np.concatenate([position + np.array([shift, 0.0]), self.tree.relative(angles[roles])]),
@@ -235,15 +278,21 @@ class Reference:
             forces = forces + self._effort @ u
         if self._springs is not None:
             forces = forces - buffered(self._springs)(z, arc.dynamics.p)[1]
-        torques = np.zeros(len(self.tree.bodies))
-        torques[roles] = self._inverse.T @ forces
+        torques = self._inverse.T @ forces
+        if not self.tree.slides:
+            torques[roles] = torques.copy()
         return self.tree.generalised(torques)
 
     def shape_state(self, step: int, q: Array, v: Array) -> Array:
         """The gait's state (n_z,) for the coordinates of an engine in a step."""
         roles = self._roles(step)
-        shape = self._inverse @ (self.tree.angles(q)[roles] - step * self.turn - self._offset)
-        rates = self._inverse @ self.tree.angles(v)[roles]
+        angles, speeds = (
+            (q[2:], v[2:]) if self.tree.slides else (self.tree.angles(q)[roles], self.tree.angles(v)[roles])
+        )
+        shape = self._inverse @ (angles - step * self.turn - self._offset)
+        rates = self._inverse @ speeds
+        if self.contacts:  # (x, y) is the origin of the root
+            return np.concatenate([shape, q[1::-1], rates, v[1::-1]])
         position, velocity = self.tree.foot(self.stance(step), q, v)
         return np.concatenate([shape, position[:1], rates, velocity[:1]])
 
@@ -255,29 +304,34 @@ class Reference:
             total += float(buffered(self._springs)(self.shape_state(step, q, v), p)[0][0])
         return total
 
-    def touching(self, step: int, local: float) -> tuple[bool, bool]:
+    def touching(self, step: int, local: float) -> tuple[bool, ...]:
         """Whether the contacts of the feet are on, at a time since the impact before a step in the engine."""
+        if self.contacts:
+            return (True,) * len(self.contacts)
         first, last = self.windows[step % len(self.windows)]
         swing = local >= last or (step > 0 and local < first)
         return (True, swing) if self.stance(step) == 0 else (swing, True)
 
     def _roles(self, step: int) -> Any:
         """For each body of the gait, the body of the tree that has its role in a step."""
-        return self._partners if step % 2 else np.arange(len(self.tree.bodies))
+        return self._partners if step % 2 and not self.contacts else np.arange(len(self.tree.bodies))
 
 
 def _refuse(gait: Gait) -> None:
     """Refuse a gait that the adapters cannot model; the error names the reason."""
     walker, name = gait.system.walker, gait.problem.name
-    present = [*walker.features()]
-    present += [] if gait.system.control.restarts else ["a control law whose clock does not restart"]
-    present += [] if gait.problem.cycle_end == TOUCHDOWN else ["a cycle that ends without a landing"]
+    crawls = bool(walker.contacts) and gait.problem.cycle_end == CLOCK and not gait.cycle.landed
+    present = [feature for feature in walker.features() if not (crawls and feature == "several contacts")]
+    present += [] if crawls or gait.system.control.restarts else ["a control law whose clock does not restart"]
+    present += [] if crawls or gait.problem.cycle_end == TOUCHDOWN else ["a cycle that ends without a landing"]
+    if crawls and any({*mode.touching} != {*walker.contacts} for mode in gait.cycle.phases):
+        present.append("contacts that leave the ground")
     slips = any(step.final_impact.mode.slips for step in gait.steps)
     if present:
         raise ProblemError(f"{name}: {walker.model} has {' and '.join(present)}; the engines cannot model that")
-    if not has_links(walker):
+    if not has_links(walker) and not crawls:
         raise ProblemError(f"{name}: {walker.model} declares no links; an engine needs them")
-    if gait.dynamics.friction_drops:
+    if gait.system.friction.may_drop and _drops(gait):
         raise ProblemError(f"{name}: static friction above kinetic friction; the engines have one coefficient")
     if any(float(viscous) for _, _, viscous in gait.system.contact_coefficients(gait.dynamics.p).values()):
         raise ProblemError(f"{name}: viscous drag of the ground; the engines only have dry friction")
@@ -356,6 +410,90 @@ def _tree(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[np.intp]]:
     partners = [order[carrier(by_name[links.partners()[link.name]]).name] for link in moving]
     tree = Tree(bodies=tuple(bodies), feet=(feet[0], feet[1]), gravity=_point(number(gravity)))
     return tree, Function("poses", [z, fields], grounded), slopes, offset, np.array(partners)
+
+
+def _drops(gait: Gait) -> bool:
+    coefficients = gait.system.contact_coefficients(gait.dynamics.p)
+    return any(float(static) != float(kinetic) for static, kinetic, _ in coefficients.values())
+
+
+def largest_friction(gait: Gait) -> float:
+    """The largest coefficient of friction of a contact."""
+    return max(float(static) for static, _, _ in gait.system.contact_coefficients(gait.dynamics.p).values())
+
+
+@building
+def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[np.intp]]:
+    """``_tree`` of a walker with several contacts and no links; bodies that do not turn have slides, not angles."""
+    root = np.eye(2)
+    walker, eom = type(gait.problem.walker), gait.system.expressions.eom
+    mechanism, n, p = eom.mechanism, len(walker.shape), gait.dynamics.p[: len(walker.model_fields)]
+    bodies, name = mechanism.bodies, gait.problem.name
+    positions = [body.position for body in bodies] + [mechanism.contacts[foot].position for foot in walker.contacts]
+    masses = np.asarray(Function("m", [eom.p], [vertcat(*(SX(b.mass) for b in bodies))])(p)).ravel()
+    inertias = np.asarray(Function("i", [eom.p], [vertcat(*(SX(b.inertia) for b in bodies))])(p)).ravel()
+    place = Function("points", [eom.q, eom.p], [horzcat(*positions)])
+    start = np.asarray(gait.state)[: n + 2]
+    order = [gait.system.state_names.index(key) for key in (*walker.shape, "x", "y")]
+    random = np.random.default_rng(0)
+    poses = [start[order] + SPREAD * k * random.uniform(-1, 1, n + 2) for k in (0, 1, 1, 1)]
+    at = np.array([np.asarray(place(q, p)).T for q in poses])  # (poses, points, 2)
+    distances = np.linalg.norm(at[:, :, None] - at[:, None], axis=3)
+    together = np.abs(distances - distances[0]).max(axis=0) < RIGID * distances.max()
+    links = list[list[int]]()
+    for k in range(len(positions)):
+        link = [j for j in range(len(positions)) if together[k, j]]
+        rigid = [j for j in link if all(together[j, i] for i in link)]
+        if rigid == link and link not in links:
+            links.append(link)
+    base = next((k for k in range(len(positions)) if np.abs(at[:, k] - np.array(poses)[:, n:]).max() < RIGID), None)
+    hinges = [({*links[0]} & {*link}) for link in links]
+    used = {point for link in links for point in link}
+    turned = (np.ptp(at[:, link] - at[:, link[:1]], axis=0).max() for link in links)
+    slides = max(turned) < RIGID and not any(hinges[1:])
+    joined = slides or all(len(hinge) == 1 for hinge in hinges[1:])
+    if base not in links[0] or len(used) < len(positions) or not joined:
+        words = "form neither links with hinges at the first one nor bodies that do not turn; an engine needs that"
+        raise ProblemError(f"{name}: the bodies and contacts of a {walker.model} {words}")
+    centres = [base, *(max(link if slides else hinge) for link, hinge in zip(links[1:], hinges[1:], strict=True))]
+    moves, made, feet = list[SX](), list[Body](), dict[int, Foot]()
+    friction = gait.system.contact_coefficients(gait.dynamics.p)
+    for k, link in enumerate(links):
+        centre, turn = centres[k], 0.0
+        if slides:
+            moves += [positions[centre] - positions[base]] if k else []
+        else:
+            far = link[int(np.argmax(distances[0, centre, link]))]
+            sign = 1.0 if at[0, far, 1] > at[0, centre, 1] else -1.0
+            along = sign * (positions[far] - positions[centre])
+            moves.append(atan2(along[0], along[1]))
+            turn = float(np.arctan2(*(sign * (at[0, far] - at[0, centre]))))
+        frame = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        within = {j: frame @ (at[0, j] - at[0, centre]) for j in link}
+        own = [j for j in link if j < len(bodies) and not any(j in other for other in links[:k])]
+        mass = masses[own]
+        com = sum((m * within[j] for m, j in zip(mass, own, strict=True)), np.zeros(2)) / mass.sum()
+        inertia = sum(inertias[j] + masses[j] * ((within[j] - com) ** 2).sum() for j in own)
+        root = frame if k == 0 else root
+        position = ORIGIN if k == 0 or slides else _point(root @ (at[0, centre] - at[0, base]))
+        parent = -1 if k == 0 else 0
+        made.append(Body(f"link{k}", parent, position, float(mass.sum()), _point(com), float(inertia), 0.0))
+        for j in (j for j in link if j >= len(bodies)):
+            foot = walker.contacts[j - len(bodies)]
+            feet[j] = Foot(k, _point(within[j]), 0.0, float(friction[foot][0]) / largest_friction(gait))
+    stacked, origins = vertcat(*moves), vertcat(*(positions[centre] for centre in centres))
+    slopes = Function("slopes", [eom.q, eom.p], [jacobian(stacked, eom.q[:n]), stacked])
+    found = [[np.asarray(value) for value in slopes(q, p)] for q in poses]
+    A = found[0][0]
+    if any(np.abs(slope - A).max() > RIGID for slope, _ in found):
+        raise ProblemError(f"{name}: the motions of its links are no linear functions of the shape")
+    offset = found[0][1].ravel() - A @ poses[0][:n]
+    moved = [jtimes(value, eom.q, eom.dq) for value in (stacked, origins)]
+    gravity = np.asarray(Function("g", [eom.p], [mechanism.gravity])(p)).ravel()
+    contacts = tuple(feet[j] for j in sorted(feet))
+    tree = Tree(bodies=tuple(made), feet=contacts, gravity=_point(gravity), slides=slides)
+    poses_of_state = Function("poses", [eom.z, eom.p], [stacked, moved[0], origins, moved[1]])
+    return tree, poses_of_state, A, offset, np.arange(len(made))
 
 
 @building

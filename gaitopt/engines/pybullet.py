@@ -37,6 +37,8 @@ class Simulator:
     settings: ClassVar[Mapping[str, Mapping[str, Any]]] = SETTINGS
 
     def __init__(self, tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) -> None:
+        if tree.slides:
+            raise ProblemError("the adapter of PyBullet has no bodies that slide without turning")
         if any(body.rotor for body in tree.bodies):
             raise ProblemError("PyBullet has no inertia of rotors")
         import pybullet  # its import prints a line, which the process of the runs discards
@@ -61,6 +63,8 @@ class Simulator:
         damping = {"linearDamping": settings["damping"], "angularDamping": settings["damping"], "jointDamping": 0.0}
         for joint in range(-1, client.getNumJoints(self._walker)):
             client.changeDynamics(self._walker, joint, lateralFriction=friction, restitution=0.0, **damping)
+        for foot, link in zip(tree.feet, self._feet, strict=True):
+            client.changeDynamics(self._walker, link, lateralFriction=friction * foot.share)
         client.setJointMotorControlArray(
             self._walker, self._joints, client.VELOCITY_CONTROL, forces=[0.0] * len(self._joints)
         )
@@ -70,9 +74,9 @@ class Simulator:
         for joint, angle, rate in zip(self._joints, q, v, strict=True):
             self._client.resetJointState(self._walker, joint, angle, rate)
 
-    def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
+    def step(self, force: Array, touching: tuple[bool, ...]) -> tuple[Array, Array, Array]:
         """Advance by one time step under forces on the coordinates; see ``outcome.Simulator``."""
-        client, forces = self._client, np.zeros((2, 2))
+        client, forces = self._client, np.zeros((len(self._feet), 2))
         for foot in self._feet:  # both feet of a wheel are on one link, so their contacts are switched together
             on = any(touching[k] for k, other in enumerate(self._feet) if other == foot)
             client.setCollisionFilterPair(self._walker, self._ground, foot, -1, int(on))
@@ -80,7 +84,7 @@ class Simulator:
         client.stepSimulation()
         states = client.getJointStates(self._walker, self._joints)
         q, v = (np.array([state[k] for state in states]) for k in range(2))
-        feet_x = [self._tree.foot(k, q, v)[0][0] for k in range(2)]
+        feet_x = [self._tree.foot(k, q, v)[0][0] for k in range(len(self._feet))]
         for point in client.getContactPoints(self._walker, self._ground):
             normal, first, second = (np.array(point[k]) for k in (7, 11, 13))
             world = point[9] * normal + point[10] * first + point[12] * second

@@ -24,7 +24,9 @@ from gaitopt.engines.outcome import COMPLETED, Outcome, Simulator
 from gaitopt.engines.plant import Reference
 from gaitopt.engines.process import outcomes
 from gaitopt.errors import UnknownNameError
+from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.faults import shown
@@ -201,10 +203,14 @@ def adapter(engine: str | type[Simulator]) -> type[Simulator]:
 
 
 def slip_paths(steps: Iterable[Step]) -> dict[str, float]:
-    """Path of the stance foot forward and backward [m]."""
+    """Path of the stance foot, or of all contacts, forward and backward [m]."""
     arcs = [arc for step in steps for arc in step.arcs if arc.mode.slips]
+    contacts = arcs[0].dynamics.system.walker.contacts if arcs else ()
     x = [arc.states[:, arc.dynamics.system.n_shape] for arc in arcs]
     paths = [float(values[-1] - values[0]) for values in x]
+    if contacts:
+        paths = [float(curves.integral(observe(arc).slip[:, k], arc.duration)) for arc in arcs
+                 for k, name in enumerate(contacts) if arc.mode.directions[name]]  # fmt: skip
     return {"slip_forward": sum(p for p in paths if p > 0), "slip_backward": -sum(p for p in paths if p < 0)}
 
 

@@ -37,6 +37,8 @@ class Simulator:
     settings: ClassVar[Mapping[str, Mapping[str, Any]]] = SETTINGS
 
     def __init__(self, tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) -> None:
+        if tree.slides:
+            raise ProblemError("the adapter of Siconos has no bodies that slide without turning")
         slim = [body.name for body in tree.bodies if body.inertia < SLIMMEST * body.mass]
         if slim:
             raise ProblemError(f"Siconos needs a moment of inertia, but {slim[0]} is a point mass")
@@ -53,7 +55,8 @@ class Simulator:
         self._force = self._weight.copy()  # Siconos keeps a pointer to it, as to the matrices below
         self._bodies = kernel.LagrangianLinearTIDS(np.zeros(n), np.zeros(n), M)
         self._bodies.setFExtPtr(self._force)
-        self._law = kernel.EqualityConditionNSL(2), kernel.NewtonImpactFrictionNSL(0.0, 0.0, friction, 2)
+        self._joint_law = kernel.EqualityConditionNSL(2)
+        self._laws = [kernel.NewtonImpactFrictionNSL(0.0, 0.0, friction * foot.share, 2) for foot in tree.feet]
         self._integrator, self._problem = kernel.MoreauJeanOSI(settings["theta"]), kernel.GenericMechanical()
         self._problem.numericsSolverOptions().dparam[numerics.SICONOS_DPARAM_TOL] = settings["tolerance"]
 
@@ -67,17 +70,17 @@ class Simulator:
                 getattr(self._bodies, copy)()[:] = values
         self._rows = [(np.zeros((2, 3 * n), order="F"), np.zeros(2)) for _ in (*self._joints, *tree.feet)]
         self._relations = [kernel.LagrangianLinearTIR(*rows) for rows in self._rows]
-        self._linearise((True, True))
-        laws = [*(self._law[0] for _ in self._joints), *(self._law[1] for _ in tree.feet)]
+        self._linearise((True,) * len(tree.feet))
+        laws = [*(self._joint_law for _ in self._joints), *self._laws]
         interactions = [kernel.Interaction(*pair) for pair in zip(laws, self._relations, strict=True)]
-        self._contacts, self._model = interactions[-2:], kernel.NonSmoothDynamicalSystem(0.0, 1e6)
+        self._contacts, self._model = interactions[-len(tree.feet) :], kernel.NonSmoothDynamicalSystem(0.0, 1e6)
         self._model.insertDynamicalSystem(self._bodies)
         for interaction in interactions:
             self._model.link(interaction, self._bodies)
         times = kernel.TimeDiscretisation(0.0, self._dt)
         self._simulation = kernel.TimeStepping(self._model, times, self._integrator, self._problem)
 
-    def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
+    def step(self, force: Array, touching: tuple[bool, ...]) -> tuple[Array, Array, Array]:
         """Advance by one time step under forces on the coordinates; see ``outcome.Simulator``."""
         tree = self._tree
         self._force[:] = self._weight
@@ -96,7 +99,7 @@ class Simulator:
         rates = np.concatenate([v[0, :2] - turning * v[0, 2], tree.relative(v[:, 2])])
         return coordinates, rates, forces
 
-    def _linearise(self, touching: tuple[bool, bool]) -> None:
+    def _linearise(self, touching: tuple[bool, ...]) -> None:
         """Write gaps of joints (x, z) and contacts (normal, tangential) as linear functions of the coordinates."""
         q, bodies = self._bodies.q().copy(), self._tree.bodies
         ahead = q + self._ahead * self._dt * self._bodies.velocity()

@@ -22,6 +22,7 @@ from flint import acb, arb, arb_mat
 from gaitopt.model.control import Control
 from gaitopt.model.section import CLOCK
 from gaitopt.model.transitions import IMPACT_MARGINS, PHASE_MARGINS, Ending, Margin
+from gaitopt.model.transitions import kind as kind_of
 from gaitopt.model.walker import Walker
 from gaitopt.proof.arithmetic import NotProved, at, decimal_bounds, precision
 from gaitopt.proof.certificate import BoxRecord, DurationRecord, read_certificate
@@ -489,7 +490,7 @@ def _margin_change(kind: str, boxes: Sequence[CheckedBox]) -> str:
     refuted = [claim for claim in boxes[-1 if end == 0 else 0].claims if claim.refuted]
     if not refuted:
         raise NotProved("it is not shown that the mode sequence is violated at the other end")
-    foreign = [claim for claim in refuted if claim.violated not in MARGIN_CHANGES[kind]]
+    foreign = [claim for claim in refuted if kind_of(claim.violated) not in MARGIN_CHANGES[kind]]
     if foreign:
         raise NotProved(f"what is violated at the other end makes it no {kind}: {foreign[0].words}")
     here, there = ("lower", "upper") if end == 0 else ("upper", "lower")

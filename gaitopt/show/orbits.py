@@ -1,6 +1,7 @@
 """A gait as a reference orbit: one JSON object that states its equations, so that no other program is needed.
 
-    M ddq + h = E u + (0, f_t, f_n)'        M (dq_plus - dq_minus) = S' F
+    M ddq + h = E u + (0, f_t, f_n)'        M (dq_plus - dq_minus) = S' F        of one foot on the ground
+    M ddq + h = E u + sum J_i' f_i          M (dq_plus - dq_minus) = sum J_i' F_i    of several contacts
 
 Expressions are texts of ordinary arithmetic in named states and parameters. The equations have the form above; they are
 also solved for the rates of the state in each mode. Parameters are exact decimals. A proof adds an enclosure to each
@@ -20,11 +21,13 @@ from gaitopt.building import building
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Gait, trajectory_header, trajectory_rows
 from gaitopt.model.modes import Mode
-from gaitopt.model.section import TOUCHDOWN
+from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.scalars import state_unit, unit_of
 
 FORMAT = "gaitopt-orbit-2"
+POINT = ("position", "velocity")
+"""What an orbit states of each of several contacts."""
 MATRICES = ("M", "E", "swing_jacobian", "relabel_jacobian")
 VECTORS = ("equations.h", "equations.swing_foot", "equations.relabel")
 LONGEST_IN_PLACE = 60
@@ -54,6 +57,7 @@ OPERATIONS: Mapping[int, str] = {
     ca.OP_ATAN: "atan({})",
     ca.OP_TANH: "tanh({})",
     ca.OP_FABS: "abs({})",
+    ca.OP_FMAX: "max({}, {})",
 }
 """Operations as text. Operands are names, numbers, calls, or expressions in parentheses."""
 CONVENTIONS = (
@@ -69,6 +73,19 @@ CONVENTIONS = (
     "frictionless impact law F_t = 0.",
     "Then the feet swap roles: the new shape is `relabel`, its rates are `relabel_jacobian` times those of the old "
     "shape, dx is (S dq_plus)_t, and x starts again from zero at the new stance foot. Time t counts from the impact.",
+)
+CONVENTIONS_OF_CONTACTS = (
+    CONVENTIONS[0],
+    "q = (shape, x, y); the state is (q, dq). Of every contact, `contacts` gives the position and "
+    "the velocity v = J dq, along the ground and normal to it. A mode states what each of them does.",
+    "Motion: M ddq + h = E u + sum J' (f_t, f_n) over the contacts on the ground, which have the height zero and the "
+    "normal acceleration zero. stick: v_t = 0 and |f_t| <= static*f_n. slip_forward: v_t > 0, s = 1; slip_backward: "
+    "v_t < 0, s = -1; f_t = -s*kinetic*f_n - viscous*v_t. off: no force. Always f_n > 0 on the ground.",
+    "Where a contact lands, M (dq_plus - dq_minus) = sum J' (F_t, F_n) over the contacts that touch after it, with the "
+    "normal velocity zero; the laws of stick and slip hold for the impulses.",
+    "If a cycle ends with a landing, the feet then swap roles: the new shape is `relabel`, its rates are "
+    "`relabel_jacobian` times those of the old shape, and (x, y) is `swing_foot`, with x = 0. Time t starts from zero. "
+    "If the last phase ends with `clock`, a period of the control law has passed; t and x start again from zero.",
 )
 UNEQUAL = (
     "The legs differ: in every second step the parameters listed in `exchanged` take each other's values. The orbit "
@@ -173,15 +190,13 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
     """The equations of a gait, with all parameters; for arguments and errors see ``orbit_record``."""
     system, walker, expressions = gait.system, gait.system.walker, gait.system.expressions
     eom, mechanism, n = expressions.eom, expressions.eom.mechanism, len(walker.shape)
-    if "several contacts" in walker.features():
-        raise ProblemError(f"{gait.problem.name}: {walker.model} has several contacts; an orbit has one foot at a time")
-    if system.cycle_end != TOUCHDOWN:
-        raise ProblemError(f"{gait.problem.name}: its cycle ends without a landing, where the steps of an orbit end")
+    if system.cycle_end not in (TOUCHDOWN, CLOCK) or (walker.stands_on_one() and system.cycle_end == CLOCK):
+        raise ProblemError(f"{gait.problem.name}: an orbit ends with a landing or, of several contacts, with the clock")
     names = parameter_names(system)
     symbols = dict(zip((*names.values(), "t"), ca.vertsplit(vertcat(expressions.p, expressions.t)), strict=True))
     symbols |= {f"r{k}": expressions.r[k] for k in range(system.n_r)}
     modes = list(dict.fromkeys(mode for mode, _ in gait.phases))
-    mu_s, mu_k, viscous = system.friction_coefficients(expressions.p)
+    coefficients = system.contact_coefficients(expressions.p)
     equations = {
         "M": eom.M,
         "h": eom.B + eom.G,
@@ -193,7 +208,13 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
         "relabel_jacobian": jacobian(SX(mechanism.relabel), eom.q[:n]),
         "energy": eom.energy,
     }
-    friction = {"static": mu_s, "kinetic": mu_k, "viscous": viscous}
+    kinds = ("static", "kinetic", "viscous")
+    friction = {
+        walker.quantity(kind, name).replace(".", " "): value
+        for name in walker.contact_names()
+        for kind, value in zip(kinds, coefficients[name], strict=True)
+    }
+    points = {f"{name} {what}": getattr(eom.contacts[name], what) for name in walker.contacts for what in POINT}
     torques = {str(mode): expressions.torque(mode) for mode in modes}
     bodies = [(body.mass, body.inertia, body.angle, body.position) for body in mechanism.bodies]
     further: dict[str, Mapping[str, Any]] = {
@@ -208,6 +229,7 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
             **{f"equations.{name}": value for name, value in equations.items()},
             **{f"friction.{name}": value for name, value in friction.items()},
             **{f"torques.{mode}": value for mode, value in torques.items()},
+            **{f"contacts.{name}": value for name, value in points.items()},
             **{f"further.{kind}.{name}": v for kind, values in further.items() for name, v in values.items()},
             **{f"bodies.{k}": vertcat(*map(SX, body)) for k, body in enumerate(bodies)},
             "gravity": mechanism.gravity,
@@ -217,14 +239,16 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
     def column(name: str) -> Any:
         """A vector as a list, a scalar as its text."""
         values = [row[0] for row in texts[name]]
-        is_vector = name.partition(".")[0] in ("torques", "gravity", "bodies") or name in VECTORS or len(values) > 1
+        kind = name.partition(".")[0]
+        is_vector = kind in ("torques", "gravity", "bodies", "contacts") or name in VECTORS or len(values) > 1
         return values if is_vector else values[0]
 
+    of_contacts = {name: {what: column(f"contacts.{name} {what}") for what in POINT} for name in walker.contacts}
     breaks, last = [0.0, *map(float, system.control.breakpoints), None], max(int(arc.segment) for arc in gait.arcs)
     values = gait.dynamics.parameters
     return {
         "words": [
-            *CONVENTIONS,
+            *(CONVENTIONS_OF_CONTACTS if walker.contacts else CONVENTIONS),
             *([UNEQUAL] if walker.exchanged else []),
             *([FURTHER] if any(further.values()) else []),
         ],
@@ -240,7 +264,9 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
             dict(zip(("mass", "inertia", "angle", "position"), (*text[:3], text[3:]), strict=True))
             for text in (column(f"bodies.{k}") for k in range(len(bodies)))
         ],
-        "friction": {name: column(f"friction.{name}") for name in friction},
+        "friction": {name: {kind: column(f"friction.{kind} {name}") for kind in kinds} for name in walker.contacts}
+        or {kind: column(f"friction.{kind}") for kind in kinds},
+        **({"contacts": of_contacts} if walker.contacts else {}),
         "impact_law": str(system.law),
         "control": {
             "type": system.control.type,
@@ -285,7 +311,7 @@ def evaluation_record(gait: Gait) -> dict[str, Any]:
             is_last = k == len(step.arcs) - 1 or step.arc_phases[k + 1] != step.arc_phases[k]
             guard, reset = table.ending(cycle, number).guard if is_last else None, cycle.reset_after(number)
             guards = ends.setdefault(arc.mode, [])
-            if guard is not None and guard not in guards:
+            if guard in table.margin_names(arc.mode) and guard not in guards:
                 guards.append(guard)
             struck = table.struck(cycle, number)
             if is_last and struck is not None:
@@ -332,11 +358,14 @@ def motion_record(gait: Gait, theorem: Mapping[str, Any] | None) -> dict[str, An
             if after is not None:
                 events.append(event | {"to": str(after)} | before)
             else:
-                impulse = dict(zip(("F_t", "F_n"), impact.impulse.tolist(), strict=True))
                 landed = {"state_after": _named(system, impact.state), "step_length": impact.step_length}
-                events.append(
-                    event | {"to": "impact", "impact": str(impact.mode)} | before | landed | {"impulse": impulse}
-                )
+                if system.cycle_end == TOUCHDOWN:
+                    walker = system.walker
+                    names = (walker.quantity(F, name) for name in walker.contact_names() for F in ("F_t", "F_n"))
+                    impulse = dict(zip(names, impact.impulse.tolist(), strict=True))
+                    landed |= {"impact": str(impact.mode), "impulse": impulse}
+                to = "impact" if system.cycle_end == TOUCHDOWN else "end of cycle"
+                events.append(event | {"to": to} | before | landed)
             number += 1
         began += step.period
     header = trajectory_header(system)
@@ -399,7 +428,7 @@ def orbit_record(
     Raises
     ------
     ProblemError
-        If the walker has several contacts, or an expression has an operation without a formula.
+        If its cycle ends without a landing or a clock, or an expression has an operation without a formula.
     """
     return {
         "format": FORMAT,

@@ -16,6 +16,7 @@ from scipy.optimize import brentq, linear_sum_assignment
 ARITHMETIC = re.compile(r"([A-Za-z]\w*|\d+\.?\d*(e[+-]?\d+)?|[-+*/(), ])+")
 FUNCTIONS = {name: getattr(np, name) for name in ("sin", "cos", "tan", "tanh", "sqrt", "exp", "log")}
 FUNCTIONS |= {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "abs": lambda x: np.where(np.real(x) < 0, -x, x)}
+FUNCTIONS["max"] = lambda x, y: np.where(np.real(x) > np.real(y), x, y)
 FUNCTIONS |= {
     "atan2": lambda y, x: np.arctan2(np.real(y), np.real(x)) + 1j * np.imag(y / x) / (1 + np.real(y / x) ** 2)
 }
@@ -61,7 +62,7 @@ def function(data, definitions, texts, parameters, r=()):
     constants = FUNCTIONS | parameters | {f"r{k}": value for k, value in enumerate(r)}
 
     def evaluate(t, z):
-        names = constants | {"t": t, "y": 0.0} | dict(zip(states, z, strict=True))
+        names = constants | {"t": t, "y": 0.0, "dy": 0.0} | dict(zip(states, z, strict=True))
         exec(code, {"__builtins__": {}}, names)  # noqa: S102 - arithmetic
         return names["values"]
 
@@ -87,6 +88,7 @@ def recompute(data):
     arcs, n, Phi = [], z.size, np.eye(z.size)
     for number, arc in enumerate(evaluation["arcs"]):
         block, p, guard = evaluation["modes"][arc["mode"]], dict(parameters), arc["ends_with"]
+        guard = guard if guard in block["margins"] else None  # others have a fixed time
         rates = function(data, block["definitions"], block["rates"], p, arc["r"])
 
         def variational(t, y, rates=rates):
@@ -143,10 +145,42 @@ def multipliers(data, arc, Phi, jump):
 
         moves = STEP * np.eye(n)
         rows += [derivative(gap, t, z)[1][0], [(rate(z + move) - rate(z - move)) / (2 * STEP) for move in moves]]
+    for name, (position, velocity) in touching(data, arc).items():
+        height, moving = (derivative(each, t, z)[1] for each in (position, velocity))
+        rows += [height[1], moving[1], *([moving[0]] if states_of(arc["mode"])[name] == "stick" else [])]
     free = np.linalg.svd(np.array(rows).reshape(-1, n))[2][len(rows) :].T  # directions in which the last mode can move
     section, sizes, _ = np.linalg.svd(jump @ free)
     section = section[:, : int((sizes > STEP * sizes[0]).sum())]
     return np.linalg.eigvals(section.T @ Phi @ section)
+
+
+def states_of(mode):
+    """The states of named contacts in a mode."""
+    return dict(re.findall(r"(\w+): (\w+)", mode))
+
+
+def touching(data, arc):
+    """Functions (t, z) of position and velocity of every contact on the ground by name, if a walker has several."""
+    statement = data["statement"]
+    return {
+        name: [
+            function(data, statement["definitions"], point[what], arc["parameters"], arc["r"])
+            for what in ("position", "velocity")
+        ]
+        for name, point in statement.get("contacts", {}).items()
+        if states_of(arc["mode"]).get(name) != "off"
+    }
+
+
+def contact_jacobians(data, arc, names, t, z):
+    """Jacobians (2, n_q) of contacts by name, with columns in the order of the coordinates."""
+    statement, found = data["statement"], {}
+    order = [list(statement["states"]).index(f"d{name}") for name in statement["coordinates"]]
+    for name in names:
+        texts = statement["contacts"][name]["velocity"]
+        velocity = function(data, statement["definitions"], texts, arc["parameters"], arc["r"])
+        found[name] = derivative(velocity, t, z)[1][:, order]
+    return found
 
 
 def forces(data, arc):
@@ -154,8 +188,22 @@ def forces(data, arc):
     statement, names = data["statement"], list(data["statement"]["coordinates"])
     equations, friction, states = statement["equations"], statement["friction"], list(statement["states"])
     texts = [*(equations[name] for name in ("M", "h", "E")), statement["control"]["torques"][arc["mode"]]]
-    texts = [*texts, [friction[name] for name in ("static", "kinetic", "viscous")]]
+    several = list(statement.get("contacts", {}))
+    laws = [friction[name] for name in several] or [friction]
+    texts = [*texts, [law[name] for law in laws for name in ("static", "kinetic", "viscous")]]
     values = function(data, statement["definitions"], texts, arc["parameters"], arc["r"])
+
+    def shared(t, z, needed):
+        """Forces of all contacts, one after the other, and the rest that they do not balance."""
+        force, names = np.zeros((2 * len(several), t.size)), list(touching(data, arc))
+        for k in range(t.size if names else 0):
+            J = contact_jacobians(data, arc, names, t[k], z[:, k])
+            G = np.hstack([J[name].T for name in names])
+            found = np.linalg.lstsq(G, needed[:, k], rcond=None)[0]
+            needed[:, k] -= G @ found
+            for j, name in enumerate(names):
+                force[2 * several.index(name) : 2 * several.index(name) + 2, k] = found[2 * j : 2 * j + 2]
+        return force, needed
 
     def evaluate(t, z):
         def filled(entry):
@@ -168,12 +216,13 @@ def forces(data, arc):
         ddq = filled(tuple(rates.get(f"d{name}", 0.0) for name in names))
         needed = np.einsum("ijm,jm->im", M, ddq) + h
         needed = needed - np.einsum("ijm,jm->im", E.reshape(*E.shape[:2], -1), u) if len(u) else needed
-        return needed[-2:], needed[:-2], mu, u, np.max(np.abs(h))
+        force, rest = shared(t, z, needed) if several else (needed[-2:], needed[:-2])
+        return force, rest, mu, u, np.max(np.abs(h))
 
     return evaluate
 
 
-def landing(data, arc):
+def landing(data, arc, event):
     """Step length, impulse (F_t, F_n), unbalanced rest and smallest margin of the impact at the end of an arc.
 
     A walker with further parts, which may have impulses of their own, has only the step length.
@@ -181,15 +230,37 @@ def landing(data, arc):
     statement, equations = data["statement"], data["statement"]["equations"]
     names, states, friction = list(statement["coordinates"]), list(statement["states"]), statement["friction"]
     texts = [equations[name] for name in ("M", "swing_jacobian", "relabel_jacobian", "swing_foot")]
-    texts = [*texts, [friction["static"], friction["kinetic"]]]
+    several = list(statement.get("contacts", {}))
+    laws = [friction[name] for name in several] or [friction]
+    texts = [*texts, [law[kind] for law in laws for kind in ("static", "kinetic")]]
     values = function(data, statement["definitions"], texts, arc["parameters"], arc["r"])
-    M, S, R, foot, (static, kinetic) = map(np.array, values(arc["end"], arc["before"]))
+    M, S, R, foot, coefficients = map(np.array, values(arc["end"], arc["before"]))
+    if arc["ends_with"] == "clock":
+        return arc["before"][states.index("x")], None, None, 0.0
     if any(statement["further_parts"].values()):
         return foot[0], None, None, 0.0
     before, after = (dict(zip(states, arc[when], strict=True)) for when in ("before", "after"))
     shape = np.linalg.solve(R, [after[f"d{name}"] for name in names[: len(R)]])
-    base = np.linalg.solve(S[:, len(R) :], [after["dx"], 0.0] - S[:, : len(R)] @ shape)  # rates of the other foot
+    moved = [after["dx"], after.get("dy", 0.0)]
+    base = np.linalg.solve(S[:, len(R) :], moved - S[:, : len(R)] @ shape)  # rates of the other foot
     change = M @ (np.append(shape, base) - [before.get(f"d{name}", 0.0) for name in names])
+    if several:
+        jacobians = contact_jacobians(data, arc, several, arc["end"], arc["before"])
+        closed = [k for k, name in enumerate(several) if any(event["impulse"][f"F_{way}.{name}"] for way in "tn")]
+        G = np.hstack([jacobians[several[k]].T for k in closed])
+        found, impulse = np.linalg.lstsq(G, change, rcond=None)[0], np.zeros(2 * len(several))
+        for j, k in enumerate(closed):
+            impulse[2 * k : 2 * k + 2] = found[2 * j : 2 * j + 2]
+        size = np.max(np.abs(impulse))
+        edges = coefficients[::2] * impulse[1::2] - np.abs(impulse[::2])
+        slips = edges < STEP * size  # at the edge of the cone, or at rest without an impulse
+        return (
+            foot[0],
+            impulse,
+            change - G @ found,
+            min(impulse[1::2].min(), np.where(slips, -np.abs(edges), edges).min()) / size,
+        )
+    static, kinetic = coefficients
     impulse = np.linalg.lstsq(S.T, change, rcond=None)[0]
     F_t, F_n = impulse / np.max(np.abs(impulse))
     direction, kinetic = DIRECTIONS[arc["reset"]], kinetic * (statement["impact_law"] == "coulomb")
@@ -202,12 +273,18 @@ def smallest_margins(data, arc, evaluate):
     statement, mode, t = data["statement"], arc["mode"], np.linspace(arc["start"], arc["end"], POINTS)
     z = arc["path"](t)[: len(statement["states"])]
     if "flight" not in mode:
-        (f_t, f_n), _, (static, kinetic, viscous), _, size = evaluate(t, z)
-        direction = DIRECTIONS[mode.partition(",")[0]]
-        yield np.min(f_n) / size
-        yield np.min(direction * z[-1])
-        sliding = f_t + direction * kinetic * f_n + viscous * z[-1]
-        yield -np.max(np.abs(sliding)) / size if direction else np.min(static * f_n - np.abs(f_t)) / size
+        force, _, mu, _, size = evaluate(t, z)
+        several = touching(data, arc)
+        order = list(statement.get("contacts", {}))
+        for k, name in enumerate(several or [""]):
+            place = order.index(name) if name else k
+            (f_t, f_n), (static, kinetic, viscous) = force[2 * place :][:2], mu[3 * place :][:3]
+            state = states_of(mode)[name] if name else mode.partition(",")[0]
+            direction, speed = DIRECTIONS[state], several[name][1](t, z)[0] if name else z[-1]
+            yield np.min(f_n) / size
+            yield np.min(direction * speed)
+            sliding = f_t + direction * kinetic * f_n + viscous * speed
+            yield -np.max(np.abs(sliding)) / size if direction else np.min(static * f_n - np.abs(f_t)) / size
     for kind, state in (("stops", "free"), ("switches", "off")):
         for name, text in statement["further_parts"][kind].items():
             if f"{name} {state}" in mode:
@@ -224,7 +301,7 @@ def touches_earlier(data, arcs):
         texts = [statement["equations"]["touchdown"]]
         rising = function(data, statement["definitions"], texts, arc["parameters"], arc["r"])(t, z)[0]
         heights = np.append(heights, np.broadcast_to(rising, t.shape))
-        if arc["ends_step"]:
+        if arc["ends_step"] and "contacts" not in statement:
             size = np.max(np.abs(heights))
             above = np.flatnonzero(heights < -STEP * size)
             largest = max(largest, np.inf if not above.size else np.max(heights[above[0] :]) / size)
@@ -258,7 +335,11 @@ def judge(data):
     phases = [(begins[k], k, arc) for k, arc in zip(steps, arcs, strict=True) if arc["ends_with"] is not None]
     times = np.array([began + arc["end"] for began, _, arc in phases])
     begun = [arc["mode"] for _, _, arc in (*phases[1:], phases[0])]
-    next_modes = ["impact" if arc["ends_step"] else mode for (_, _, arc), mode in zip(phases, begun, strict=True)]
+    ends = {True: "end of cycle", False: "impact"}
+    next_modes = [
+        ends[arc["ends_with"] == "clock"] if arc["ends_step"] else mode
+        for (_, _, arc), mode in zip(phases, begun, strict=True)
+    ]
     compare("period", orbit["period"]["value"], begins[-1])
     same("ends of phases", orbit["n_steps"], len(begins) - 1)
     compare("ends of phases", [phase["duration"]["value"] for phase in orbit["phases"]], np.diff([0.0, *times]))
@@ -273,9 +354,9 @@ def judge(data):
         compare("events", list(event["state_before"].values()), arc["before"])
         if not arc["ends_step"]:
             continue
-        same("events", event.get("impact"), arc["reset"])
+        same("events", event.get("impact"), arc["reset"] if arc["ends_with"] != "clock" else None)
         compare("events", list(event["state_after"].values()), arc["after"])
-        length, impulse, rest, margin = landing(data, arc)
+        length, impulse, rest, margin = landing(data, arc, event)
         errors["margins"] = max(errors["margins"], -margin)
         lengths.append(length)
         compare("events", event["step_length"], length)

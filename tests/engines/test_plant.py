@@ -89,6 +89,7 @@ def test_the_contact_of_a_foot_is_off_while_it_scuffs():
         ("slip-run", "flight and massless feet"),
         ("kneed-passive", "joint stops"),
         ("compass-push-off", "a push-off"),
+        ("heel-toe", "several contacts"),
     ],
 )
 def test_what_the_adapters_have_no_law_for_is_refused_by_name(name, reason):
@@ -128,3 +129,29 @@ def test_a_frictionless_slipping_impact_is_refused():
     assert gait.converged
     with pytest.raises(ProblemError, match="slipping impact without friction"):
         Reference(gait)
+
+
+@pytest.mark.parametrize("name", ["crawler", pytest.param("inchworm", marks=pytest.mark.slow)])
+def test_a_walker_with_several_contacts_is_a_tree_of_hinges_or_slides(name):
+    """Energies, places of the contacts and rates are those of the gait; the engine's state leads back to the gait's."""
+    gait = go.solve(name, progress=False)
+    reference, system, h = Reference(gait), gait.system, 1e-6
+    tree = reference.tree
+    assert tree.slides is (name == "crawler")
+    assert tree.mass == pytest.approx(float(system.weight(gait.p)) / gait.problem.walker.gravity, rel=1e-12)
+    for t in np.array([0.1, 0.45, 0.8]) * gait.period:
+        q, v = reference.coordinates(t)
+        z, arc = reference.state(t), reference.arc(0, t)
+        assert reference.shape_state(0, q, v) == pytest.approx(z, abs=1e-12)
+        energy = system.observation(arc.mode)(t, z, gait.p, system.data(arc.segment))[4]
+        assert reference.energy(0, q, v) == pytest.approx(float(energy), abs=1e-12)
+        ahead, behind = (reference.coordinates(t + side * h)[0] for side in (1, -1))
+        assert (ahead - behind) / (2 * h) == pytest.approx(v, abs=1e-6)
+        heights, velocities, _ = system.contact_points(z, gait.p)
+        for k in range(2):
+            place, velocity = tree.foot(k, q, v)
+            assert place[1] == pytest.approx(float(heights[k]), abs=1e-12)
+            assert velocity == pytest.approx(np.asarray(velocities).ravel()[2 * k : 2 * k + 2], abs=1e-12)
+    once = reference.coordinates(gait.period + 0.1)[0] - reference.coordinates(0.1)[0]
+    assert once[0] == pytest.approx(gait.measures["step_length"], abs=1e-12)
+    assert once[1:] == pytest.approx(0 * once[1:], abs=1e-12)

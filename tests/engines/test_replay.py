@@ -72,6 +72,30 @@ def test_cycles_of_two_steps_control_laws_springs_and_round_feet_are_replayed(na
     assert fine.sequence_matches
 
 
+@pytest.mark.parametrize("name", ["crawler", pytest.param("inchworm", marks=pytest.mark.slow)])
+def test_walkers_with_several_contacts_and_a_clock_are_replayed(name):
+    """Both contacts are compared, each with friction of its own; with other friction the engine slips otherwise."""
+    coarse, fine = (outcome(name, Simulator, dt, {"sweeps": 50}) for dt in (8e-3, 4e-3))
+    assert fine.ending == "completed"
+    assert fine.error_before_impact < 0.6 * coarse.error_before_impact < 0.01
+    assert fine.state_error < 0.005
+    assert [len(steps) for steps in (fine.sequence, coarse.sequence)] == [2, 2]
+    assert fine.impact_error is None
+    paths = engines.slip_paths(go.solve(name, progress=False).steps)
+    assert fine.slip["slip_forward"] == pytest.approx(paths["slip_forward"], rel=0.02)
+    wrong = outcome(name, Simulator, 4e-3, {"sweeps": 50, "friction": 1.1})
+    assert wrong.error_before_impact > 5 * fine.error_before_impact
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", sorted({"mujoco", "drake"} & {*INSTALLED}))
+def test_an_engine_moves_the_crawler_as_far_as_its_closed_form(engine):
+    (result,) = go.replay("crawler", engine, settings="best", time_steps=[2e-3, 1e-3])
+    for found in result.outcomes:
+        assert found.sequence_matches
+        assert found.slip["slip_forward"] == pytest.approx(result.slip["slip_forward"], rel=0.005)
+
+
 def test_a_foot_that_cannot_hold_is_noticed():
     slippery = outcome("compass-passive-stick", Simulator, 4e-3, {"sweeps": 5, "friction": 0.8})
     assert not slippery.sequence_matches
