@@ -103,7 +103,7 @@ def test_a_wrong_number_of_each_group_is_found(group):
         ("compass-pd-designed", "evaluation/arcs/1/end", lambda end: end + 1e-6, "samples"),
         ("compass-virtual-constraint", "orbit/samples/rows/5/11", lambda torque: 1.001 * torque, "samples"),
         ("crawler", "statement/friction/rear/static", lambda _: "0.5", "margins"),
-        ("crawler", "statement/contacts/front/velocity/0", lambda text: f"{text} + 0.001", "margins"),
+        ("crawler", "statement/contacts/front/velocity/0", lambda text: f"-({text})", "margins"),
         ("crawler", "orbit/samples/rows/3/10", lambda force: 1.001 * force, "samples"),
         ("crawler", "orbit/multipliers", lambda multipliers: multipliers[:-1], "multipliers"),
         ("heel-toe", "orbit/events/1/impulse/F_n.swing_heel", lambda impulse: 1.001 * impulse, "events"),
@@ -315,7 +315,7 @@ def test_every_number_of_a_proved_orbit_lies_near_its_enclosure():
         for m in motion["multipliers"]:
             for part in ("re", "im") if m["enclosure"] else ():
                 low, high = map(float, m["enclosure"][part])
-                assert low - 1e-11 <= m[part] <= high + 1e-11, name
+                assert low - 2e-11 <= m[part] <= high + 2e-11, name  # their accuracy as the page states it
 
 
 def test_a_file_is_remade_as_it_is():
