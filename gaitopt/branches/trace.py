@@ -423,9 +423,9 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             values = (at.curve_test(name, here) for at in (location.point, here, point))
             if not is_zero(*values) or (not self.index and location.length < BESIDE):  # or the point that it begins at
                 continue
-            positive = (key for key, m in here.monitors.items() if key != self.own and abs(m.value) > SILENT)
-            others = (location.point.monitor(key) for key in positive)
-            if name == DEGENERATE.get(self.kind) and min(others, default=np.inf) < DEGRADED:
+            near = location.point.monitors.items()
+            others = (m.value for k, m in near if k.kind == "duration" or abs(here.monitor(k)) > SILENT)
+            if name == DEGENERATE.get(self.kind) and min(others, default=1.0) < DEGRADED:
                 continue
             if name.endswith("_neimark_sacker") and not others_are_complex(local, self.kind, kappa):
                 continue

@@ -282,13 +282,16 @@ def test_a_bifurcation_curve_ends_where_the_multipliers_jump_and_names_both_spec
 @pytest.mark.slow
 def test_a_curve_ends_where_a_phase_of_a_contact_vanishes_and_never_passes_into_negative_durations():
     """Where the heel no longer slips, friction does not matter: the sticking gait doubles at one length of the toe."""
-    flips = special("heel-toe", "period_doubling", "friction", 0.2)
+    slips = special("heel-toe", "impact_change", "friction", 0.25)
+    margins = trace(slips, "walker.toe", 0.06, verify_every=0, progress=False)
+    (flips,) = (start for start in margins.special("margin_period_doubling")[0].next if start.type == "period_doubling")
     curve = trace(flips, "walker.toe", 0.06, verify_every=0, progress=False)
     meeting, end = curve.specials[-2:]
     assert (meeting.type, end.type) == ("margin_period_doubling", "end")
     assert "heel slip_forward" in meeting.reason
     assert end.values["walker.toe"] == pytest.approx(0.0574111405, abs=1e-9)
-    assert min(phase["duration"] for point in curve for phase in point.gait.to_record()["phases"]) > 0
+    durations = [arc.duration for point in curve for step in point.gait.steps for arc in step.arcs]
+    assert min(durations) > -1e-6  # half the digits, where a phase vanishes
     assert not curve.special("generalised_flip")
 
 
