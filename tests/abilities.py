@@ -106,7 +106,7 @@ ROWS = (
     _named("rolling feet", "round-feet-passive"),
     _named("several contacts that swap", "heel-toe"),
     _named("several contacts with a clock", "crawler"),
-    _named("a section at a margin", "slip-walk-stable"),
+    _named("double support on massless legs", "slip-walk-stable"),
     _named("static and kinetic friction", "compass-passive-static-kinetic"),
     Row("frictionless impact", "`compass-torque-impact-slip` with such an impact", FRICTIONLESS),
     Row("viscous drag", "`rimless-wheel-slip` with drag", _changed("rimless-wheel-slip", friction=VISCOUS)),
