@@ -171,14 +171,17 @@ def picture(gait: go.Gait) -> bytes:
     posture.title.set_fontsize(9)
     ratio.tick_params(labelbottom=False)
     ratio.set(ylabel="f_t / f_n", xlabel="")
-    slip.set(ylabel="path on the ground [mm]" if gait.system.walker.contacts else "foot x [mm]", xlabel="t [s]")
+    slip.set(ylabel="path [mm]" if gait.system.walker.contacts else "foot x [mm]", xlabel="t [s]")
     low, high = slip.get_ylim()
     slip.set_ylim(min(low, -LEAST_SLIP), max(high, LEAST_SLIP))
     ratio.set_xlim(slip.get_xlim())
     entries = [
         Line2D([], [], color=MODE_COLOURS[mode], linestyle=dashes(mode), label=MODE_WORDS[mode])
         for mode in dict.fromkeys(
-            Mode.of_feet({FOOT: mode.contacts[name], SWING_FOOT: OFF}) for mode, _ in gait.phases for name in names
+            Mode.of_feet({FOOT: mode.contacts[name], SWING_FOOT: OFF})
+            for mode, _ in gait.phases
+            for name in names
+            if name in mode.touching or not gait.system.walker.contacts
         )
     ]
     entries.append(Line2D([], [], color="0.5", lw=0.9, ls="-.", label="cone"))

@@ -247,11 +247,12 @@ def write_beside(
         if options:
             _, distance, (right, up), low, high = min(options, key=lambda option: option[0] + option[1])
             taken.append((low, high))
-            leader = {"arrowstyle": "-", "color": NEUTRAL, "linewidth": 0.6} if distance > DISTANCES[-1] else None
+            ink = NEUTRAL if letter is None else "black"
+            leader = {"arrowstyle": "-", "color": ink, "linewidth": 0.7} if distance > DISTANCES[-1] else None
             axes.annotate(
                 text, (value, height), xytext=(7 * distance * right, 5 * distance * up), textcoords="offset points",
                 ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top", fontsize="small",
-                color=NEUTRAL if letter is None else "black", arrowprops=leader,
+                color=ink, arrowprops=leader,
                 path_effects=[] if letter is None else [withStroke(linewidth=2, foreground="white")],
             )  # fmt: skip
 
