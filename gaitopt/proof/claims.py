@@ -17,14 +17,14 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from casadi import SX, depends_on, jtimes, simplify, substitute, vertcat
+from casadi import SX, depends_on, is_equal, jtimes, simplify, substitute, vertcat, vertsplit
 from flint import arb, arb_poly
 
 from gaitopt.building import built_once
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import CONTACTS, Mode
-from gaitopt.model.section import CLOCK
+from gaitopt.model.section import CLOCK, Section
 from gaitopt.model.section import TOUCHDOWN as TOUCHDOWN_END
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import MARGINS, contact_of, is_held, kind
@@ -41,6 +41,8 @@ PATTERN_WORDS = {
 }
 MOST_HALVINGS = 14
 """A step of the integration is halved at most this many times; a part that then has no kind fails its claim."""
+COMPARISON_DEPTH = 30
+"""Depth to which the expression of a margin is compared with that of a condition."""
 MOST_REFINEMENTS = 6
 """A step of the integration is replaced by two shorter ones at most this many times in a row, where the remainder of a
 function along it is too wide."""
@@ -291,6 +293,8 @@ def _order_of_zero(orbit: Orbit, j: int, name: str, start: arb) -> int:
     after_impact = phase in sequence.first_phases and orbit.section.stated
     if name == "clearance" and after_impact:
         return int(start.contains(0))
+    if after_impact and not is_held(name) and not orbit.section.is_explicit:
+        return int(_is_condition(system, orbit.section, orbit.arcs[j].mode, name))
     return zeros_after_impact(system, orbit.arcs[j].mode, name) if after_impact and not is_held(name) else 0
 
 
@@ -313,6 +317,15 @@ def zeros_after_impact(system: HybridSystem, mode: Mode, name: str) -> int:
         return 0
     is_of_rates = depends_on(value, z[n:])
     return 1 if is_of_rates or not vanishes(jtimes(value, z[:n], z[n:])) else 2
+
+
+@built_once(maxsize=16)
+def _is_condition(system: HybridSystem, section: Section, mode: Mode, name: str) -> bool:
+    """Whether a margin is, up to its sign, one of the conditions of a section, which are zero after an impact."""
+    z, p = SX.sym("z", system.n_z), SX.sym("p", len(system.parameters))
+    value = system.margins(mode)(0, z, p, SX.zeros(system.n_r))[system.transitions.margin_names(mode).index(name)]
+    conditions = vertsplit(section.conditions(z, p[: len(system.walker.model_fields)]))
+    return any(is_equal(own, c, COMPARISON_DEPTH) for c in conditions for own in (value, -value))
 
 
 @built_once(maxsize=16)
