@@ -6,7 +6,7 @@ state that fails, the sensitivity norm, the falls of some walks, the metastable 
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -209,7 +209,7 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
             radius = self.gait.scalar("spectral_radius")
             words = "so that no walk returns to it; `gaitopt stabilise` finds a law that walks it stably"
             error = SolveError(f"{self.problem.name} is unstable, its spectral radius is {radius:.6g}, {words}")
-            error.result = self.gait
+            error.result = replace(self.gait, message=str(error))
             raise error
         if "range" in self.groups:
             Request(parameter=self.key, to=(UNLIKELY,)).first_gait(self.gait)

@@ -315,7 +315,9 @@ def test_an_unstable_gait_is_printed_as_json_before_exit_code_4(tmp_path, capsys
     named("compass-torque-impact-slip").save(tmp_path / "run")
     assert main(["robustness", str(tmp_path / "run"), "--json", "--quiet"]) == 4
     printed = capsys.readouterr()
-    assert json.loads(printed.out)["spectral_radius"] == pytest.approx(1.157, abs=1e-3)
+    record = json.loads(printed.out)
+    assert record["spectral_radius"] == pytest.approx(1.157, abs=1e-3)
+    assert record["message"] in printed.err
     assert "is unstable, its spectral radius is 1.156" in printed.err
 
 
