@@ -632,11 +632,12 @@ class AtlasRecord(TypedDict):
 
 
 class BasinRecord(TypedDict):
-    """The grid, the fixed coordinates and the floor of a basin; everything else follows from its tiles."""
+    """The grid, the fixed coordinates, the floor and the freed parameters of a basin; its tiles have all else."""
 
     over: Axes
     base: dict[Word, Number]
     floor: NotRequired[dict[Word, list[Any]]]
+    parameters: NotRequired[dict[Word, Number]]
 
 
 class WalkRecord(TypedDict):

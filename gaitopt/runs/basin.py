@@ -8,9 +8,9 @@ interrupted run resumes.
 
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -213,6 +213,7 @@ class Basin(Plotted, ReadOnlyArrays):
     problem, grid : the problem, and the grid of states.
     base : the section coordinates that the grid does not vary.
     floor : the tiles on which every walk began; None for the nominal floor.
+    freed : values of the free parameters of a design, by dotted key; the problems of ``attractors`` have them.
     attractors : the gaits on which states settle; ``labels`` are indices into them.
     labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
     endings : ndarray, grid's shape - code of the ending if it does not settle, see ``Outcomes``.
@@ -228,6 +229,7 @@ class Basin(Plotted, ReadOnlyArrays):
     endings: Labels
     steps: Labels
     floor: Floor | None = None
+    freed: Mapping[str, float] = field(default_factory=dict)
     folder: Path | None = None
 
     def __repr__(self) -> str:
@@ -269,6 +271,7 @@ class Basin(Plotted, ReadOnlyArrays):
             "over": [asdict(axis) for axis in self.grid.axes],
             "base": self.base,
             **({} if self.floor is None else {"floor": self.floor.to_record()}),
+            **({"parameters": dict(self.freed)} if self.freed else {}),
             "states": self.grid.size,
             "gaits": gaits,
             "failures": {ending_name(int(v)): int(n) for v, n in zip(codes, counts, strict=True)},
@@ -283,7 +286,10 @@ def read_basin(place: Path) -> Basin:
     grid = validated(Grid, {"axes": stored["over"]}, place / BASIN_FILE)
     check_room(grid.size, place, disk=0, memory=STATE_BYTES_MEMORY)
     floor = Floor.from_record(stored["floor"]) if "floor" in stored else None
-    basin = assemble_basin(run, run.problem(), grid, stored["base"], floor)
+    problem, freed = run.problem(), stored.get("parameters", {})
+    if freed and freed.keys() != problem.free.keys():
+        raise StorageError(f"{place / BASIN_FILE}: parameters are not those that {problem.name} frees")
+    basin = assemble_basin(run, problem, grid, stored["base"], floor, freed)
     check_agrees(place / BASIN_FILE, record, basin.to_record(), "the grid of tiles")
     return basin
 
@@ -297,21 +303,23 @@ def stored_attractor(place: Path, index: str) -> Attractor:
     return attractors[int(index)]
 
 
-def assemble_basin(run: Run, problem: Problem, grid: Grid, base: dict[str, float], floor: Floor | None = None) -> Basin:
+def assemble_basin(
+    run: Run, problem: Problem, grid: Grid, base: dict[str, float], floor: Floor | None, freed: Mapping[str, float]
+) -> Basin:
     """The basin assembled from its tiles."""
-    gaits = list[Attractor]()
+    gaits, walked = list[Attractor](), problem.with_fixed(freed) if freed else problem
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
     done, tile = 0, 0
     while done < grid.size:
         outcomes = _read_tile(run, tile, grid.size - done)
         rows = slice(done, done + len(outcomes.steps))
-        labels[rows] = assign_gaits(outcomes, gaits, problem)
+        labels[rows] = assign_gaits(outcomes, gaits, walked)
         endings[rows], steps[rows] = outcomes.endings, outcomes.steps
         done, tile = rows.stop, tile + 1
     return Basin(
         problem=problem, grid=grid, base=base, attractors=tuple(gaits),
         labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
-        floor=floor, folder=run.place,
+        floor=floor, freed=freed, folder=run.place,
     )  # fmt: skip
 
 
@@ -351,12 +359,14 @@ class BasinPlan(Plan[Basin], BasinRequest):
     p : parameters of the walker, if they differ from those of the problem.
     base : the section coordinates that the grid does not vary.
     floor : the tiles on which every walk begins; None for the nominal floor.
+    freed : values of the free parameters of a design, by dotted key.
     """
 
     p: tuple[float, ...] | None
     base: dict[str, float]
     grid: Grid
     floor: Floor | None = None
+    freed: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def around(
@@ -364,15 +374,16 @@ class BasinPlan(Plan[Basin], BasinRequest):
     ) -> Self:
         """The basin of a grid around the state of a gait, or around a problem's guess."""
         if isinstance(start, Gait):
-            fixed = start.problem.with_fixed(start.dynamics.parameters) if start.problem.free else start.problem
-            problem, p = fixed, tuple(start.p.tolist())
+            problem, p, freed = start.problem, tuple(start.p.tolist()), start.freed
             state = dict(zip(start.system.state_names, start.state.tolist(), strict=True))
         else:
-            problem, p, state = start, None, dict(start.guess.state)
+            problem, p, freed, state = start, None, dict[str, float](), dict(start.guess.state)
         varied = {axis.key for axis in grid.axes}
         names = (name for name in problem.map_section.names if name not in varied)
         base = {name: float(state[name]) for name in names}
-        return cls(problem=problem, p=p, base=base, grid=grid, floor=floor, folder=folder, **vars(request))
+        return cls(
+            problem=problem, p=p, base=base, grid=grid, floor=floor, freed=freed, folder=folder, **vars(request)
+        )  # fmt: skip
 
     @property
     def run(self) -> Run:
@@ -412,7 +423,7 @@ class BasinPlan(Plan[Basin], BasinRequest):
         for tile, result in enumerate(jobs.complete(walk_tile, tile_jobs, len(tile_jobs))):
             if isinstance(result, FailedJob):
                 raise SolveError(f"tile {tile} of the basin failed: {result.reason}; the others are stored")
-        basin = assemble_basin(self.run, self.problem, self.grid, self.base, self.floor)
+        basin = assemble_basin(self.run, self.problem, self.grid, self.base, self.floor, self.freed)
         self.run.seal(*map(TILE_FILE.format, self.tiles))
         self.run.write({BASIN_FILE: json_file(basin.to_record())})
         return basin

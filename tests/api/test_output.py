@@ -171,8 +171,9 @@ def test_special_points_and_attractors_of_a_design_have_its_values():
     assert longer.dynamics.parameter("walker.slope") == found
     rate = float(design.state[design.system.state_names.index("dtheta")])
     over = {"dtheta": (0.99 * rate, 1.01 * rate, 2)}
+    design.save("basin")  # the basin is a part of the run of the design
     basin = go.basin(design, over, steps=60, workers=1, output="basin", progress=False)
-    again = go.solve(basin.attractors[0], progress=False)
+    again = go.solve(go.load_run(basin.folder).attractors[0], progress=False)
     assert again.dynamics.parameter("walker.slope") == found
     assert again.period == pytest.approx(design.period, rel=1e-10)
 
