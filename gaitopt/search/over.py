@@ -37,6 +37,8 @@ from gaitopt.systems import solve_sequence
 RADIUS = "spectral_radius"
 LARGEST_RADIUS = 0.999
 """Bound of the spectral radius where the problem has none, or a larger one: the gaits of a range are stable."""
+OBJECTIVE = "objective"
+"""Name of the condition that no value of the objective exceeds that of the scenarios."""
 NODES = 9
 """Number of equally spaced values of which the mean of an objective is taken, by the trapezoidal rule."""
 LARGEST_VIOLATION = 1e-6
@@ -346,7 +348,7 @@ class _Search:
             value = gait.scalar(name)
             rows[name] = max(value - span.maximum, span.minimum - value) / unit if np.isfinite(value) else -inf
         if level is not None and self._over.aggregate is Aggregate.WORST and self._design.objective:
-            rows["+".join(self._design.objective)] = (self._objective(gait) - level) / max(abs(level), SMALLEST_UNIT)
+            rows[OBJECTIVE] = (self._objective(gait) - level) / max(abs(level), SMALLEST_UNIT)
         return rows
 
     def _objective(self, gait: Gait) -> float:

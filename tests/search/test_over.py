@@ -109,6 +109,17 @@ def test_the_robust_reference_is_a_gait_over_its_range_and_costs_little_more_tha
 
 
 @pytest.mark.slow
+def test_free_gains_of_the_robot_hold_over_a_range_of_friction():
+    gait = named("rabbit-hzd-feedback")
+    over = gait.over
+    assert over.single < over.objective < named("rabbit-hzd").spectral_radius
+    for friction in (0.5, 0.55, 0.6):
+        other = on_floor(gait, friction)
+        assert go.verify(other).passed
+        assert other.spectral_radius <= over.objective * (1 + 1e-6)
+
+
+@pytest.mark.slow
 def test_gait_a_falls_on_a_thousand_random_tiles_and_the_robust_compass_does_not():
     floor = go.Floor.random("friction=0.12:0.2", TILES, seed=1)
     robust, passive = (go.simulate(named(name), steps=TILES, floor=floor) for name in (NAME, "compass-passive-a"))

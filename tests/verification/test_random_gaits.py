@@ -21,6 +21,7 @@ DESIGNS = {
     "compass-pd-slippery": 2,
     "compass-torque-robust": 2,
     "compass-pd-robust": 1,
+    "rabbit-hzd-feedback": 1,
     "rabbit-optimal": 2,
 }
 """Curves are designed anew for each gait, which takes long; farther away their constraints cannot be met."""
