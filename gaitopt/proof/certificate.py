@@ -122,8 +122,9 @@ class DurationRecord(_Record):
 class ArcRecord(_Record):
     """An arc: the number of its phase, counted from 0, its ``OrbitArc.fractions``, and whether its phase is timed.
 
-    A timed phase ends at a breakpoint of the control law. This only says where to look, like the fractions: the claims
-    about the margins of the next phase fail if its contacts would go on as before.
+    A timed phase ends at a breakpoint of the control law. This only says where to look, like the fractions: the modes
+    have to change as they can at a breakpoint, and the claims about the margins of the next phase fail if its contacts
+    would go on as before.
     """
 
     phase: Annotated[int, Field(ge=0, lt=MOST_ARCS)]

@@ -27,7 +27,7 @@ from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.section import CLOCK, Section
 from gaitopt.model.section import TOUCHDOWN as TOUCHDOWN_END
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import MARGINS, contact_of, is_held, kind
+from gaitopt.model.transitions import CONE, MARGINS, contact_of, is_held, kind
 from gaitopt.proof.arithmetic import BallFunction, NotProved, Refuted, hull
 from gaitopt.proof.law import ExactLaw
 from gaitopt.proof.orbit import CycleEnclosure, Orbit, OrbitArc
@@ -52,6 +52,8 @@ RELATIVE_WIDTH = 1e-12
 SLIPS, CONES = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD), ("cone_forward", "cone_backward")
 APPARENT_MASS, UNIQUE_FORCES, TIME_WINDOW, AT_REST = "apparent mass", "unique forces", "time window", "mode at rest"
 IMPACT, SECTION = "impact", "section"
+REGULARITIES = ("impact_painleve", "impact_regularity")
+"""Margins of an impact whose impulses may not be unique."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,6 +256,8 @@ def _margin_signs(orbit: Orbit, cycle: CycleEnclosure, j: int) -> dict[str, list
     signs = dict[str, list[SignPart]]()
     for name, values in zip(names, series, strict=True):
         order = _order_of_zero(orbit, j, name, values[0][0]) if _starts_phase(orbit.arcs, j) else 0
+        if not all(c.contains(0) for c in values[0][:order]) or order >= len(values[0]):
+            raise NotProved(f"{name} does not start arc {j + 1} with a zero of order {order}")
         monotone = name == _rising(orbit.system) or name in arc.zeros
         signs[name] = list(sign_parts(zip(values, lengths, strict=True), order, monotone=monotone))
     return signs
@@ -265,7 +269,8 @@ def _order_of_zero(orbit: Orbit, j: int, name: str, start: arb) -> int:
     A slip starts from rest. If it starts at the edge of the cone its acceleration is zero too, because the acceleration
     is minus the cone's margin over the apparent mass, or because the forces with and without slip are the same there.
     The height of a contact that leaves the ground is zero. Its velocity is zero too unless it leaves in an impact, and
-    its acceleration if its normal force falls to zero, which is then continuous. After an impact that ends a step the
+    its acceleration if its normal force falls to zero. In both cases forces must not jump: no other contact, stop or
+    switch changes, and the contact that leaves loses neither a drag nor a spring. After an impact that ends a step the
     other foot is on the ground, and released stops are still closed. The forces of a massless foot that lands are zero.
 
     Parameters
@@ -274,13 +279,17 @@ def _order_of_zero(orbit: Orbit, j: int, name: str, start: arb) -> int:
     """
     system, sequence, phase = orbit.system, orbit.sequence, orbit.arcs[j].phase
     before, what, contact = orbit.arcs[j - 1], kind(name), contact_of(name)
-    is_unloaded = (kind(before.event), contact_of(before.event)) == ("normal_force", contact)
-    leaving = 1 if orbit.struck(j - 1) is not None else 3 if is_unloaded else 2
+    event, mode = (kind(before.event), contact_of(before.event)), orbit.arcs[j].mode
+    leaving = 1 if orbit.struck(j - 1) is not None else 3 if event == ("normal_force", contact) else 2
+    if leaving == 3 and _jumps_when_leaving(orbit, before.mode, mode, contact):
+        leaving = 2
     if what == "slip_velocity":
         drops, (static, kinetic, _) = system.friction.may_drop, system.contact_coefficients(orbit.p)[contact]
         if drops and not static > kinetic:
             raise NotProved("static friction is not above kinetic friction: state one coefficient")
-        return sequence.onset_order(phase, contact, jump=drops)
+        at_edge = event == (CONE[Mode(mode.contacts[contact])], contact)
+        is_gentle = at_edge and _changes_alone(before.mode, mode, contact)
+        return min(sequence.onset_order(phase, contact, jump=drops), 2 if is_gentle else 1)
     if what != "slip_velocity" and name in system.transitions.zeros_after(sequence, before.phase):
         return 1
     if name == _rising(system) and not system.walker.stands_on_one():
@@ -296,6 +305,22 @@ def _order_of_zero(orbit: Orbit, j: int, name: str, start: arb) -> int:
     if after_impact and not is_held(name) and not orbit.section.is_explicit:
         return int(_is_condition(system, orbit.section, orbit.arcs[j].mode, name))
     return zeros_after_impact(system, orbit.arcs[j].mode, name) if after_impact and not is_held(name) else 0
+
+
+def _changes_alone(before: Mode, after: Mode, contact: str) -> bool:
+    """Whether two modes differ in the state of one contact only."""
+    return after.with_states({contact: before.contacts[contact]}) is before
+
+
+def _jumps_when_leaving(orbit: Orbit, before: Mode, after: Mode, contact: str) -> bool:
+    """Whether forces may jump where a contact leaves the ground because its normal force falls to zero."""
+    springs = orbit.system.expressions.eom.mechanism.potential_while
+    *_, viscous = orbit.system.contact_coefficients(orbit.p)[contact]
+    return (
+        not _changes_alone(before, after, contact)
+        or bool(before.directions[contact] and not arb(viscous).is_zero())
+        or any(before.has(name) != after.has(name) for name in springs)
+    )
 
 
 @built_once(maxsize=128)
@@ -504,7 +529,8 @@ def _impact(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
         precedes = struck.sticks and system.law is ImpactLaw.FRICTIONLESS and walker.stands_on_one()
         if other.contact is not struck.contact and not falls_through and not precedes:
             margins = _impact_margins(orbit, other, j, y)
-            if not any(margin < 0 for margin in margins.values()):
+            # a negative regularity does not show that the impulses of this impact are none
+            if not any(margin < 0 for name, margin in margins.items() if kind(name) not in REGULARITIES):
                 shown = ", ".join(f"{name} {margin.str(6)}" for name, margin in margins.items())
                 raise NotProved(f"an impact with {_after(orbit, other, j)} is not shown to be inconsistent: {shown}")
     first = " where sticking takes precedence" if struck.sticks and sticks_first else ""

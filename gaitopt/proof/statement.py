@@ -480,6 +480,8 @@ def _arcs(records: Sequence[ArcRecord], sequence: Cycle, table: Transitions, con
     for record, after in zip(records, [*phases[1:], None], strict=True):
         mode, ends_phase = sequence.phases[record.phase], after != record.phase
         row = table.ending(sequence, record.phase) if ends_phase else table.at_breakpoint(mode)
+        if ends_phase:
+            _require_change(sequence, record.phase, table)
         if row.guard == BREAKPOINT and segment >= len(control.breakpoints):
             raise ValueError(
                 f"arc {len(arcs) + 1} ends with a breakpoint, but the control has {len(control.breakpoints)}"
@@ -489,6 +491,27 @@ def _arcs(records: Sequence[ArcRecord], sequence: Cycle, table: Transitions, con
         arcs.append(OrbitArc(mode, segment, record.phase, row.guard, zeros, ends_phase, tuple(record.fractions)))
         segment = 0 if row.ends_step else segment + (row.guard == BREAKPOINT)
     return arcs
+
+
+def _require_change(sequence: Cycle, phase: int, table: Transitions) -> None:
+    """Require that the event that ends a phase explains the next mode; it is the only equation there.
+
+    Raises
+    ------
+    ValueError
+        If a timed phase ends with a slip that stops or turns, or a switch that triggers, without its own event.
+    NotProved
+        If two or more contacts land, or stop, at the same instant.
+    """
+    mode, after, struck = sequence.phases[phase], sequence.after(phase), table.struck(sequence, phase)
+    row = table.ending(sequence, phase)
+    if row.guard == BREAKPOINT and after not in row.candidates:
+        words = f"{sequence.phase_words(phase)} cannot end at a breakpoint of the control law"
+        raise ValueError(f"{words}, as {after} follows")
+    landed = () if struck is None else tuple(name for name in struck.touching if name not in mode.touching)
+    for names, what in ((landed, "land"), (sequence.stop_together(phase), "stop")):
+        if len(names) > 1:
+            raise NotProved(f"{' and '.join(names)} {what} at one instant; proofs do not cover that")
 
 
 def restore_box(statement: Statement, record: BoxRecord) -> tuple[Orbit, TiltedBox]:

@@ -184,7 +184,7 @@ def modes_of_contacts(system: HybridSystem, mode: Mode) -> list[Mode]:
 
 
 def _regularities(system: HybridSystem, mode: Mode, z: SX, p: SX) -> SX:
-    """det J M^-1 G of every mode in which contacts on the ground slip.
+    """det J M^-1 G of every mode of the contacts on the ground.
 
     J are the constraints of a mode, and G the directions of its forces: a contact that slips has the column n - s mu t.
     The regularity is det J M^-1 G / det J M^-1 J', whose denominator is positive. M has only positive pivots in any
@@ -199,7 +199,7 @@ def _regularities(system: HybridSystem, mode: Mode, z: SX, p: SX) -> SX:
     inverse = ldl_solve(J.T, *ldl(M))
     W, coefficients, determinants = J @ inverse, system.contact_coefficients(p), [SX(1)]
     stops = constraint_rows(system.walker, [(name, LOCKED) for name in mode.locked])
-    for other in (other for other in modes_of_contacts(system, mode) if other.slips):
+    for other in (other for other in modes_of_contacts(system, mode) if other.touching):
         normal, held = ([(name, kind) for name in other.touching] for kind in (NORMAL, TANGENTIAL))
         held = [(name, kind) for name, kind in held if not other.directions[name]]
         rows = [*constraint_rows(system.walker, [*normal, *held]), *stops]

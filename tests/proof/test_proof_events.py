@@ -156,6 +156,15 @@ def test_a_phase_whose_end_is_forged_is_refused():
         refusals(wrong)
 
 
+def test_a_slip_cannot_stop_at_a_breakpoint_nor_together_with_another_one():
+    """Nothing would make the velocity zero, and a contact that sticks would go on with it for the rest of the cycle."""
+    data = certificate("crawler")
+    data["arcs"][0]["timed"], data["arcs"][1]["timed"] = True, False
+    assert "cannot end at a breakpoint" in refusals(data)["statement"]
+    both = reworded("crawler", ("{rear: stick, front: slip_forward}", "{rear: slip_backward, front: slip_forward}"))
+    assert refusals(both)["statement"].startswith("rear and front stop at one instant")
+
+
 @pytest.mark.parametrize(
     ("changes", "refused"),
     [
@@ -178,6 +187,13 @@ MUTATIONS = {
     "regularity": (VectorField, "regularities", lambda old: negated(old.func), "crawler", "unique forces"),
     "section": (orbit.Orbit, "require_section", lambda old: refusing, "crawler", "section"),
     "order of a slip": (claims, "_order_of_zero", lambda old: lambda *_: 0, "crawler", "slip_velocity.front"),
+    "too high an order": (
+        claims,
+        "_order_of_zero",
+        lambda old: lambda *a: old(*a) and old(*a) + 1,
+        "crawler",
+        "motion",
+    ),
     "order of a stop": (claims, "zeros_after_impact", lambda old: lambda *_: 0, "hopper", "leg"),
     "impulse of a stop": (orbit.Orbit, "impact", lambda old: opposite(old), "hopper", "impact"),
 }
