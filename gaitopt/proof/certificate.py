@@ -28,7 +28,7 @@ LARGEST_FILE = 64 * 2**20
 DEEPEST_NESTING = 40
 """Levels of nested lists and objects in a certificate."""
 MOST_BOXES, MOST_ARCS, MOST_UNKNOWNS = 2000, 1000, 3600
-"""The largest known certificates have some 30 boxes, 11 arcs and 3200 unknowns."""
+"""The largest known certificates have some 30 boxes, 11 arcs and 3400 unknowns."""
 LEAST_ORDER, LARGEST_ORDER = 2, 60
 """Bounds of the order of the Taylor series; the prover uses 16 and 20."""
 
