@@ -293,7 +293,10 @@ COLUMNS = (
     Column("save", "`load_run` reads the same problem, modes, state and scalars back", _save),
 )
 OPTIMA = "the optimum at another gravity has other torques; `sweep` and `front` follow optima"
-NO_LAW = "free torques are no law under which the simulator could walk"
+NO_LAW = (
+    "`find` and `attractors` walk from states, but the guess of this example is a step length; without a guess `find` "
+    "lists the gait, and `attractors` walks from the state of the gait"
+)
 UNSTABLE = "the gait of this example is unstable: walks that start next to it leave it"
 REASONS: Mapping[tuple[str, str], str] = {
     ("frictionless impact", "basin, SciPy"): UNSTABLE,

@@ -81,7 +81,7 @@ def measured() -> dict:
             steps = STEPS if name == GAIT else TIME_STEPS
             try:
                 records = [r.to_record() for r in go.replay(gait, simulator, time_steps=steps, progress=False)]
-            except ProblemError:  # the engine has no law for it
+            except ProblemError:  # Siconos has no links that are point masses
                 continue
             replays += [{key: value for key, value in record.items() if key != "motion"} for record in records]
         if name == GAIT:
@@ -116,7 +116,7 @@ def engines_of(results: dict) -> list[str]:
 
 
 def of(results: dict, engine: str, setting: str, problem: str = GAIT) -> dict | None:
-    """One replay; None if the engine has no law for the gait."""
+    """One replay; None if the engine does not support the gait."""
     keys = {"engine": engine, "setting": setting, "problem": problem}
     return next((r for r in results["replays"] if all(r[key] == value for key, value in keys.items())), None)
 
@@ -247,9 +247,8 @@ def tables(results: dict) -> str:
     ]
     for problem in GAITS:
         pairs = ([of(results, name, setting, problem) for setting in ("default", "best")] for name in engines)
-        lines.append(
-            f"| {problem} | {' | '.join('no law' if None in pair else ', '.join(map(cell, pair)) for pair in pairs)} |"
-        )
+        cells = ("point mass" if None in pair else ", ".join(map(cell, pair)) for pair in pairs)
+        lines.append(f"| {problem} | {' | '.join(cells)} |")
     shown = of(results, names[0], "best")["dt"][: len(TIME_STEPS)]
     lines += [
         "",
