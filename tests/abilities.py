@@ -1,15 +1,21 @@
 """Every verb for every kind of walker: the table of docs/abilities.md, and how each of its cells is checked.
 
-    python tests/abilities.py           writes the page
+    python tests/abilities.py           runs the cells that have not passed yet, and writes the pages when all have
     python -m pytest -m slow tests/test_abilities.py -k "crawler or attractors"
 
 A row is an example of one structure, a column is one verb with a check by other means. A cell without a reason passes
-its check. A cell with a reason does not apply: the reason is mathematics or physics.
+its check. A cell with a reason does not apply: the reason is mathematics or physics, or a limit of a named engine.
+Cells that have passed are kept in ``.abilities`` for the sources with which they were run, so that an interrupted run
+goes on where it ended.
 """
 
+import hashlib
 import json
 import math
+import sys
 import tempfile
+import time
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -27,11 +33,20 @@ from gaitopt.problem.statement import problem_data
 from gaitopt.requests import Engine
 from gaitopt.show.catalogue import figures_of
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "abilities.md"
+ROOT = Path(__file__).resolve().parent.parent
+PAGE, README, KEPT = ROOT / "docs" / "abilities.md", ROOT / "README.md", ROOT / ".abilities"
 FEW: Mapping[str, Any] = {"workers": 1, "progress": False}
 NEAR = 1.001
 """Factor of the parameter in sweeps, families and designs."""
 GRAVITY = "walker.gravity"
+SLIPPERY = 0.3
+"""Factor of the friction that a gait needs, with which ``explain`` is asked why there is no gait."""
+LEAST_FRICTION = 1e-9
+"""A gait that needs less has no tangential forces."""
+BESIDE = 1e-3
+"""Relative distance from the end of a mode sequence at which gaits exist on one side only."""
+TIME_STEPS = (1e-3, 2.5e-4)
+"""Time steps of a replay [s]."""
 OPEN_LOOP = """
 name: open-loop
 walker: {model: compass_biped, leg_length: 1.6, leg_mass: 4, leg_com: 0.8, hip_mass: 2, gravity: 9.8, slope: 1 deg}
@@ -199,22 +214,82 @@ def _find(row: Row, folder: Path) -> None:
     assert any(gait.period == pytest.approx(gait_of(row).period, rel=1e-7) for gait in found)
 
 
+def _first_gait(row: Row, folder: Path) -> None:
+    problem, gait = row.problem(), gait_of(row)
+    if problem.is_design:  # its guess is a step length
+        assert problem.guess.first is not None
+        return
+    data, steps = problem_data(problem), len(gait.steps)
+    opened = {"phases": "auto"} | {key: data["gait"][key] for key in ("section",) if key in data["gait"]}
+    data["gait"] = opened | ({"steps": steps} if steps > 1 else {})
+    walkers, controls = [type(problem.walker)], [type(problem.control)]
+    nothing = go.parse_problem(json.dumps(data), walkers=walkers, controls=controls)
+    assert nothing.start is None
+    periods = [found.period for found in go.find(nothing, steps=steps, **FEW)]
+    assert any(period == pytest.approx(gait.period, rel=1e-7) for period in periods)
+
+
+def _explain(row: Row, folder: Path) -> None:
+    problem = row.problem()
+    assert go.explain(problem, starts=1, **FEW).exists
+    needed = gait_of(row).measures.get("required_friction")
+    if needed is not None and needed < LEAST_FRICTION:
+        return  # without tangential forces, no friction excludes the gait
+    frictions = {key: value for key, value in problem.parameters.items() if key.partition(".")[0] == "friction"}
+    frictions = {key: value for key, value in frictions.items() if not key.endswith("viscous")}
+    scale = SLIPPERY * min(1.0, 1.0 if needed is None else needed / min(frictions.values()))
+    why = go.explain(problem.replace({key: scale * value for key, value in frictions.items()}), starts=1, **FEW)
+    assert not why.exists
+    assert why.causes
+    assert why.causes[0].words
+    if why.causes[0].what == "friction":
+        assert (why.causes[0].needed or 0.0) > (why.causes[0].available or 0.0)
+    for nearest in why.nearest:
+        if nearest.parameter in frictions:
+            beside = [problem.replace({nearest.parameter: nearest.value * (1 + side)}) for side in (-BESIDE, BESIDE)]
+            assert len({go.solve(each, progress=False).converged for each in beside}) == 2
+
+
 def _sweep(row: Row, folder: Path) -> None:
     value, alone = _changed_gait(row)
     swept = go.sweep(row.problem(), {GRAVITY: (value / NEAR, value, 2)}, output=folder, **FEW)
     assert swept.column("period") == pytest.approx([gait_of(row).period, alone.period], rel=_close(row))
 
 
-def _design(row: Row, folder: Path) -> None:
+def _freed(row: Row) -> tuple[dict[str, Any], str, float]:
+    """Free gravity, the scalar that determines it, and the value of that scalar in the gait."""
     gait = gait_of(row)
-    problem, name = gait.problem, "speed" if abs(gait.scalar("speed")) > 1e-6 else "period"
-    gravity, wanted = problem.parameters[GRAVITY], NEAR * gait.scalar(name)
-    free = {"free": [gravity / 1.2, gravity * 1.2], "guess": gravity}
-    designed = go.solve(problem.replace({GRAVITY: free, f"constraints.{name}": wanted}), progress=False)
+    name, gravity = "speed" if abs(gait.scalar("speed")) > 1e-6 else "period", gait.problem.parameters[GRAVITY]
+    return {GRAVITY: {"free": [gravity / 1.2, gravity * 1.2], "guess": gravity}}, name, gait.scalar(name)
+
+
+def _has(row: Row, gravity: float, name: str, wanted: float) -> bool:
+    """Whether the gait that is solved alone at a value of gravity has a scalar."""
+    alone = go.solve(gait_of(row).problem.replace({GRAVITY: gravity}), progress=False)
+    return bool(alone.scalar(name) == pytest.approx(wanted, rel=1e-7))
+
+
+def _design(row: Row, folder: Path) -> None:
+    freed, name, value = _freed(row)
+    problem = gait_of(row).problem.replace({**freed, f"constraints.{name}": NEAR * value})
+    designed = go.solve(problem, progress=False)
     assert designed.converged, designed.message
-    found = designed.to_record()["parameters"][GRAVITY]
-    alone = go.solve(problem.replace({GRAVITY: found}), progress=False)
-    assert alone.scalar(name) == pytest.approx(wanted, rel=1e-7)
+    assert _has(row, designed.to_record()["parameters"][GRAVITY], name, NEAR * value)
+
+
+def _front(row: Row, folder: Path) -> None:
+    freed, name, value = _freed(row)
+    problem = gait_of(row).problem.replace({**freed, "objective": {GRAVITY: 1}, f"constraints.{name}": value})
+    points = go.front(problem, {f"constraints.{name}": (value, NEAR * value, 2)}, output=folder, progress=False)
+    for point, wanted in zip(points, (value, NEAR * value), strict=True):
+        assert point.converged
+        assert _has(row, point.gait["parameters"][GRAVITY], name, wanted)
+
+
+def _starts(row: Row, folder: Path) -> None:
+    optima = go.multistart(row.problem(), 2, spread=0.01, output=folder, **FEW)
+    periods = [optimum.record["period"] for optimum in optima]
+    assert any(period == pytest.approx(gait_of(row).period, rel=_close(row)) for period in periods)
 
 
 def _basin(engine: str) -> Callable[[Row, Path], None]:
@@ -263,6 +338,22 @@ def _save(row: Row, folder: Path) -> None:
         assert loaded.measures[name] == (value if value is None else pytest.approx(value, rel=1e-9, abs=1e-12)), name
 
 
+def _prove(row: Row, folder: Path) -> None:
+    gait, certificate = gait_of(row), folder / "proof.json"
+    proof = go.prove(gait, output=certificate, progress=False)
+    assert proof.proved, proof
+    checked = go.check_proof(certificate, walkers=[type(gait.problem.walker)], controls=[type(gait.problem.control)])
+    assert checked.proved
+
+
+def _replay(row: Row, folder: Path) -> None:
+    pytest.importorskip("mujoco")
+    (replay,) = go.replay(gait_of(row), "mujoco", settings="best", time_steps=TIME_STEPS, progress=False)
+    record = replay.to_record()
+    assert record["sequence_matches"][-1]
+    assert record["state_error"][-1] < record["state_error"][0]
+
+
 @dataclass(frozen=True)
 class Column:
     """A verb and the check of its cells."""
@@ -280,17 +371,28 @@ COLUMNS = (
     ),
     Column("IPOPT", "`solve` by IPOPT has the period that Newton's method finds", _ipopt),
     Column("nlp", "`casadi.nlpsol` solves the program of `nlp` from the gait at another gravity", _nlp),
+    Column("first gait", "`find` lists the gait without a guess, from walks that start anywhere", _first_gait),
     Column("simulate", "`simulate` is back at the gait after two cycles", _simulate),
     Column("verify", "`verify` passes", _verify),
     Column("continue", "`continue` in gravity ends at the gait that is solved there anew", _continue),
     Column("find", "`find` lists the gait among those to which walks lead", _find),
+    Column(
+        "explain",
+        "`explain` says that the gait exists; with three tenths of the friction that it needs, why it does not, and "
+        "gaits exist on one side of the nearest friction only",
+        _explain,
+    ),
     Column("sweep", "`sweep` over gravity has the periods of gaits that are solved alone", _sweep),
     Column("design", "gravity for a given speed or period; a gait with this gravity has it", _design),
+    Column("front", "`front`: gravity for two speeds or periods; gaits with these values have them", _front),
+    Column("starts", "`solve --starts` from guesses around that of the problem lists the gait", _starts),
     Column("basin, SciPy", "`basin`: starts next to the gait settle on it, as `solve` confirms", _basin("scipy")),
     Column("basin, heyoka", "the same on heyoka, many states at once", _basin("heyoka")),
     Column("attractors", "`attractors`: the Lyapunov exponent is the logarithm of the largest multiplier", _attractors),
     Column("figures", "every figure of `plot` is drawn", _figures),
     Column("save", "`load_run` reads the same problem, modes, state and scalars back", _save),
+    Column("prove", "`prove` proves all claims; `check_proof` reads the certificate and proves them again", _prove),
+    Column("replay", "`replay` in MuJoCo finds the mode sequence, with errors that fall with the time step", _replay),
 )
 OPTIMA = "the optimum at another gravity has other torques; `sweep` and `front` follow optima"
 NO_LAW = (
@@ -298,6 +400,12 @@ NO_LAW = (
     "lists the gait, and `attractors` walks from the state of the gait"
 )
 UNSTABLE = "the gait of this example is unstable: walks that start next to it leave it"
+NARROW = (
+    "of 1000 walks that start anywhere, none takes three steps: the legs hold it only where they were placed before"
+)
+SOFT = "limit of MuJoCo: its joint limits are soft constraints, and this stop is an inelastic impact"
+MASSLESS = "limit of MuJoCo: it integrates accelerations F/m, which a massless foot does not have"
+ONE_COEFFICIENT = "limit of MuJoCo: friction of a contact is dry and has one coefficient"
 REASONS: Mapping[tuple[str, str], str] = {
     ("frictionless impact", "basin, SciPy"): UNSTABLE,
     ("frictionless impact", "basin, heyoka"): UNSTABLE,
@@ -306,8 +414,78 @@ REASONS: Mapping[tuple[str, str], str] = {
     ("open-loop torques", "find"): NO_LAW,
     ("open-loop torques", "attractors"): NO_LAW,
     ("open-loop torques", "continue"): OPTIMA,
+    ("double support on massless legs", "first gait"): NARROW,
+    (
+        "double support on massless legs",
+        "prove",
+    ): "massless contacts have coordinates of their own, whose forces do not follow "
+    "from accelerations, so that the theorem does not apply",
+    ("stops", "replay"): SOFT,
+    ("switches and flight", "replay"): SOFT,
+    ("massless feet and flight", "replay"): MASSLESS,
+    ("double support on massless legs", "replay"): MASSLESS,
+    (
+        "push-off",
+        "replay",
+    ): "limit of MuJoCo: forces act over time steps, and this push-off is an impulse at one instant",
+    ("several contacts that swap", "replay"): "limit of the adapter for MuJoCo: its models have one point per foot",
+    (
+        "several contacts with a clock",
+        "replay",
+    ): "limit of the adapter for MuJoCo: its models are trees of rotating links",
+    ("static and kinetic friction", "replay"): ONE_COEFFICIENT,
+    ("viscous drag", "replay"): ONE_COEFFICIENT,
+    ("frictionless impact", "replay"): "limit of MuJoCo: its impacts have the friction of its contacts",
+    ("an own walker", "replay"): "limit of MuJoCo: a model is a tree of links, which this class does not declare",
 }
 """Why a cell does not apply, by row and column."""
+
+
+NOT_RUN = frozenset(
+    (row, column)
+    for column, rows in (
+        (
+            "prove",
+            (
+                "PD on a gait",
+                "PD on a table",
+                "virtual constraints",
+                "open-loop torques",
+                "a robot from URDF",
+                "an own law",
+            ),
+        ),
+        (
+            "first gait",
+            (
+                "static and kinetic friction",
+                "viscous drag",
+                "PD on a gait",
+                "PD on a curve",
+                "PD on a table",
+                "virtual constraints",
+                "open-loop torques",
+                "a robot from URDF",
+                "an own walker",
+                "an own law",
+            ),
+        ),
+    )
+    for row in rows
+)
+"""Cells, by row and column, whose check has not been run yet; the page says so."""
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "solve": ("Newton", "IPOPT", "nlp", "first gait", "starts"),
+    "simulate, verify": ("simulate", "verify"),
+    "continue, find, explain, sweep": ("continue", "find", "explain", "sweep"),
+    "design": ("design", "front"),
+    "settle": ("basin, SciPy", "basin, heyoka", "attractors"),
+    "plot, save": ("figures", "save"),
+    "prove": ("prove",),
+    "replay": ("replay",),
+}
+"""Columns of the small table in the README, each with columns of the whole table."""
+MARKS = "<!-- abilities: written by tests/abilities.py -->\n", "<!-- end of abilities -->\n"
 
 
 def page() -> str:
@@ -316,24 +494,87 @@ def page() -> str:
     lines = [
         "# Every verb for every walker",
         "",
-        "Each cell with a tick is run on the example of its row, with the check of its column, by",
-        "`python -m pytest -m slow tests/test_abilities.py`. A number refers to the reason why a cell does not apply.",
-        "`python tests/abilities.py` writes this page.",
+        "Each cell with a tick is run on the example of its row, with the check of its column. A number refers to the",
+        "reason why a cell does not apply. `python tests/abilities.py` runs all cells in less than two hours on two",
+        "cores, and writes this page; if it is interrupted, it goes on where it ended. A dot: not run yet.",
         "",
         "| structure | example | " + " | ".join(column.name for column in COLUMNS) + " |",
         "|---|---|" + "---|" * len(COLUMNS),
     ]
     for row in ROWS:
-        reasons = (REASONS.get((row.name, column.name)) for column in COLUMNS)
-        cells = ("✓" if reason is None else str(numbers[reason]) for reason in reasons)
+        keys = [(row.name, column.name) for column in COLUMNS]
+        cells = (str(numbers[REASONS[key]]) if key in REASONS else "·" if key in NOT_RUN else "✓" for key in keys)
         lines.append(f"| {row.name} | {row.example} | {' | '.join(cells)} |")
     lines += ["", "## Checks", "| column | check |", "|---|---|"]
     lines += [f"| {column.name} | {column.words} |" for column in COLUMNS]
-    if numbers:
-        lines += ["", "## Reasons"]
-        lines += [f"{number}. {reason[0].upper()}{reason[1:]}." for reason, number in numbers.items()]
+    lines += ["", "## Reasons"]
+    lines += [f"{number}. {reason[0].upper()}{reason[1:]}." for reason, number in numbers.items()]
     return "\n".join(lines) + "\n"
 
 
+def small_table() -> str:
+    """The table of the README: for every structure the number of columns of a group with a tick, if not all of them."""
+    lines = ["| | " + " | ".join(GROUPS) + " |", "|---|" + "---|" * len(GROUPS)]
+    for row in ROWS:
+        cells = list[str]()
+        for names in GROUPS.values():
+            apply = sum((row.name, name) not in REASONS.keys() | NOT_RUN for name in names)
+            none = "·" if any((row.name, name) in NOT_RUN for name in names) else "–"
+            cells.append("✓" if apply == len(names) else f"{apply} of {len(names)}" if apply else none)
+        lines.append(f"| {row.name} | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def readme() -> str:
+    """The README with the small table between its marks."""
+    text, (begin, end) = README.read_text(encoding="utf-8"), MARKS
+    before, _, rest = text.partition(begin)
+    return before + begin + small_table() + end + rest.partition(end)[2]
+
+
+@cache
+def sources() -> str:
+    """A hash of the package."""
+    found = hashlib.sha256()
+    for path in sorted((ROOT / "gaitopt").rglob("*.py")):
+        found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+def failure(row: Row, column: Column) -> str:
+    """Why a cell fails, or an empty text; if it has passed before with these sources, it is not run again."""
+    file = KEPT / sources() / f"{row.name}, {column.name}.json"
+    if file.exists():
+        return ""
+    began = time.process_time()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            column.check(row, Path(folder))
+    except Exception:  # noqa: BLE001 - any failure is a result of the table
+        return traceback.format_exc()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps({"seconds": round(time.process_time() - began, 1)}), encoding="utf-8")
+    return ""
+
+
+def main() -> int:
+    """Run all cells without a reason; write the pages if none fails."""
+    cells = [(row, column) for row in ROWS for column in COLUMNS if (row.name, column.name) not in REASONS]
+    failed = 0
+    for row, column in cells:
+        try:
+            words = failure(row, column)
+        except pytest.skip.Exception as missing:  # an engine
+            words = str(missing)
+        failed += bool(words)
+        sys.stdout.write(f"{row.name}, {column.name}: {words or 'passed'}\n")
+        sys.stdout.flush()
+    sys.stdout.write(f"{len(cells) - failed} of {len(cells)} cells passed\n")
+    if not failed:
+        PAGE.write_text(page(), encoding="utf-8")
+        README.write_text(readme(), encoding="utf-8")
+    return int(failed > 0)
+
+
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    sys.exit(main())
