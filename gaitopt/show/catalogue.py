@@ -8,7 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from gaitopt.errors import UnknownNameError
+from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait, require_gait
 from gaitopt.problem.problem import Problem
@@ -108,9 +108,9 @@ def figures_of(result: Any) -> Figures:
     TypeError
         If a result of this type has no figures.
     ProblemError
-        If a problem, or its name, is given in place of its gait.
+        If a problem, or its name, is given in place of its gait, or if a branch or a robustness has no figures.
     ValueError
-        If there is nothing to draw.
+        If a gait or a walk has no motion, or a grid more than two axes.
     """
     require_gait(result, "plot")
     gaits = list(result) if isinstance(result, Sequence) else []
@@ -160,7 +160,7 @@ def _parameter_key(branch: Any) -> str | None:
 @figures_of.register
 def _(result: Branch) -> Figures:
     if not result.points:
-        raise ValueError("a branch without points has no figures")
+        raise ProblemError("a branch without points has no figures")
     return branch_figures(result.points[0].gait.problem, result.parameter, result.to_records())
 
 
@@ -168,7 +168,7 @@ def _(result: Branch) -> Figures:
 def _(result: Robustness) -> Figures:
     kinds = tuple(result.strips)
     if not kinds:
-        raise ValueError("only patches and pushes have figures: compute them with --what patch,push")
+        raise ProblemError("only patches and pushes have figures: compute them with --what patch,push")
     return Figures(draw=lambda name: strips(result, name), names=(ALL, *kinds), usual=(ALL,))
 
 

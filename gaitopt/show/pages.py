@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from gaitopt.arrays import Array
 from gaitopt.design.derivatives import derivatives
-from gaitopt.errors import SolveError
+from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import cascades, ends_by_request
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.regions import NO_GAIT, UNKNOWN
@@ -212,7 +212,7 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
     """
     points = [record for record in records if record["record"] == "point" and record["state"] is not None]
     if not points:
-        raise ValueError(f"the branch of {problem.name} has no points yet")
+        raise ProblemError(f"the branch of {problem.name} has no points yet")
     dynamics, shown = problem_dynamics(problem), parameter_of(problem, parameter)
     moved = [dynamics.at({**point["parameters"], parameter: point["value"]}) for point in points]
     motions = (motion_from_record(*pair, name=problem.name, points=POINTS) for pair in zip(moved, points, strict=True))
@@ -251,13 +251,13 @@ def atlas_report(atlas: Atlas) -> str:
 
     Raises
     ------
-    ValueError
+    ProblemError
         If no branch of the atlas has a gait.
     """
     keys, ranges, found = [axis.key for axis in atlas.axes], atlas.axes, atlas.arrangement
     places = [(number, place) for number, region in enumerate(found.regions) for place in region.places]
     if not places:
-        raise ValueError(f"the atlas of {atlas.problem.name} has no gaits")
+        raise ProblemError(f"the atlas of {atlas.problem.name} has no gaits")
     each = max(1, MOST_PLACES // len(places))
     chosen: list[tuple[int, tuple[float, ...], Record]] = [
         (number, tuple(known["at"].values()), known["gait"])
