@@ -81,9 +81,9 @@ class Robustness(Reported):
                 record.setdefault("push", {}).setdefault(keys[0], [None, None])[int(keys[1])] = value["value"]
             elif group == "range":
                 record["range"] = {keys[0]: value}
-            elif group not in (FALLS, EIGENVALUE):
+            elif name == FALLS or group not in (FALLS, EIGENVALUE):  # earlier versions stored all falls as one figure
                 record[group] = value
-        if falls := [value for name, value in self.figures.items() if name.startswith(FALLS)]:
+        if falls := [value for name, value in self.figures.items() if name.startswith(f"{FALLS}:")]:
             record[FALLS] = _falls_record(falls) | {EIGENVALUE: self.figures[EIGENVALUE]}
         return record
 
@@ -205,17 +205,18 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
         require_gait(self.gait, "robustness")
         if not self.gait.converged:
             raise SolveError(f"{self.problem.name} is {self.gait.status}: {self.gait.message}")
+        groups = self.groups
         if not self.gait.stable:
             radius = self.gait.scalar("spectral_radius")
             words = "so that no walk returns to it; `gaitopt stabilise` finds a law that walks it stably"
             error = SolveError(f"{self.problem.name} is unstable, its spectral radius is {radius:.6g}, {words}")
             error.result = replace(self.gait, message=str(error))
             raise error
-        if "range" in self.groups:
+        if "range" in groups:
             Request(parameter=self.key, to=(UNLIKELY,)).first_gait(self.gait)
-        if {"patch", "falls"} & {*self.groups}:
+        if {"patch", "falls"} & {*groups}:
             check_floor(self.gait.system, Floor(friction=1.0))
-        if "falls" in self.groups and not self.floor.is_even:
+        if "falls" in groups and not self.floor.is_even:
             check_floor(self.gait.system, self.floor.draw(2))
         _ = self.jobs
 

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 import gaitopt as go
 from gaitopt import Floor, load_problem, load_run, robustness, simulate, solve, verify
 from gaitopt.cli.main import app, main
-from gaitopt.errors import GaitoptError
+from gaitopt.errors import GaitoptError, ProblemError
 from gaitopt.gait.measures import measure
 from gaitopt.problem.floor import QUANTITIES, RandomFloor
 from gaitopt.simulation.engine import choose_engine, is_installed
@@ -271,6 +271,7 @@ def test_the_command_prints_the_stated_keys_and_resumes(tmp_path, monkeypatch):
     [
         (lambda: robustness(named("compass-torque-impact-slip"), progress=False), "is unstable", 4),
         (lambda: robustness(named("compass-passive-a"), what="ice", progress=False), "what is 'ice'", 2),
+        (lambda: robustness(named("compass-torque-impact-slip"), what="ice", progress=False), "what is 'ice'", 2),
         (lambda: robustness(named("compass-passive-a"), random="friction=1", progress=False), "no distribution", 3),
         (lambda: robustness(named("compass-passive-a"), walks=1, progress=False), "walks is 1", 2),
         (lambda: robustness(named("compass-passive-a"), over="ice", what="range", progress=False), "ice", 2),
@@ -283,6 +284,15 @@ def test_wrong_questions_are_refused(make, words, code, tmp_path, monkeypatch):
     assert words in str(error.value)
     assert error.value.exit_code == code
     assert go.Robustness
+
+
+def test_falls_that_an_earlier_version_stored_as_one_figure_are_read():
+    falls = {"mean_steps": 34.0, "interval": [4.6, 6783.0], "eigenvalue": 0.925, "floor": "friction=0.1:0.2", "seed": 0}
+    result = go.Robustness(problem=go.load_problem("compass-passive-a"), figures={"falls": falls})
+    assert result.to_record()["falls"] == falls
+    assert "6783" in result.report().text
+    with pytest.raises(ProblemError, match="only patches and pushes have figures"):
+        result.plot()
 
 
 @needs_heyoka
