@@ -761,7 +761,8 @@ def print_proof(console: Console, record: Record) -> None:
     if not record["statement"]:  # proofs do not cover this gait
         console.print(f"{verdict}: {record['claims'][0]['words']}", style="bold")
         return
-    stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]
+    undecided = ", stability undecided" if record["multipliers"] else ""  # a bracket of a special point has none
+    stability = {True: ", stable", False: ", unstable", None: undecided}[record["stable"]]
     console.print(f"{record['problem']}: {verdict}{stability}", style="bold")
     section(console, "statement", ("hypothesis", "value"), _theorem_rows(record["statement"]))
     claims = (

@@ -4,14 +4,16 @@ import json
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
+from io import StringIO
 
 import pytest
 from casadi import sin
 
 flint = pytest.importorskip("flint")
-from flint import arb, ctx  # noqa: E402
+from flint import acb, arb, ctx  # noqa: E402
 from jumping import PUSH, SLIPPING, STATE, Staircase  # noqa: E402
 from named import named  # noqa: E402
+from rich.console import Console  # noqa: E402
 
 from gaitopt import load_problem, parse_problem, prove, solve  # noqa: E402
 from gaitopt.model.walker import Walker  # noqa: E402
@@ -21,6 +23,7 @@ from gaitopt.proof.arithmetic import PRECISION, NotProved, ball  # noqa: E402
 from gaitopt.proof.certificate import sha256  # noqa: E402
 from gaitopt.proof.check import check  # noqa: E402
 from gaitopt.proof.taylor import VectorField  # noqa: E402
+from gaitopt.show.tables import print_proof  # noqa: E402
 
 QUICK = ("crawler", "hopper")
 STABLE = {
@@ -255,6 +258,17 @@ def test_a_closure_that_is_not_linear_is_proved():
     assert check(data, walkers=[SineCompass]).proved
     data["boxes"][0]["centre"][1] = repr(float(data["boxes"][0]["centre"][1]) + 1e-6)  # theta2, which c determines
     assert failed(check(data, walkers=[SineCompass])).keys() == {"existence and uniqueness"}
+
+
+def test_a_multiplier_that_may_be_on_the_unit_circle_leaves_stability_undecided(monkeypatch):
+    monkeypatch.setattr("gaitopt.proof.check.multipliers", lambda derivatives: (acb(arb(1, 1e-9)),))
+    result, out = check(certificate("crawler")), StringIO()
+    assert result.proved
+    assert result.stable is None
+    record = result.to_record()
+    assert "whether the gait is stable: a multiplier may be on the unit circle" in record["statement"]["not_proved"]
+    print_proof(Console(file=out, width=200), record)
+    assert out.getvalue().startswith("crawler: proved, stability undecided\n")
 
 
 @pytest.mark.slow
