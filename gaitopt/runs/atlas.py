@@ -478,12 +478,11 @@ def slice_job(
         ]
         if should_stop is not None and should_stop():
             raise KeyboardInterrupt
-        (below, *others), (above, *more) = walks
+        (below, *_), (above, *_) = walks
         segments, specials = _cut([*reversed(below), *above[1:]], len(below), first.key)
         branch: dict[str, Any] = {"value": value, "segments": segments, "specials": specials}
-        return (
-            branch | {"doubled": _doubled(branch, [below, above, *others, *more], first.key)} if doublings else branch
-        )
+        doubled = [each for own, *others in walks for each in _doubled(branch, own, others, first.key)]
+        return branch | {"doubled": doubled} if doublings else branch
     reason = reasons[0] if reasons else "the family of the gait from which it starts does not reach this value"
     return {"value": value, "segments": [], "specials": [], "reason": reason}
 
@@ -542,18 +541,25 @@ def _walks(records: Iterable[BranchPoint | SpecialPoint]) -> list[list[BranchPoi
     return walks
 
 
-def _doubled(branch: Record, walks: Sequence[Sequence[BranchPoint | SpecialPoint]], key: str) -> list[dict[str, Any]]:
-    """The branches of doubled gaits that begin at the period doublings of a branch; ``walks`` are all of its family."""
-    begun, found = {special["value"] for special in branch["specials"]}, list[dict[str, Any]]()
-    for walk in walks:
-        first = next(record.branch for record in walk)
-        origins = (r for other in walks for r in other if isinstance(r, SpecialPoint) and first in r.next)
-        origin = next((r for r in origins if r.type == "period_doubling"), None)
-        if origin is not None and origin.value in begun:
-            segments, specials = _cut([origin, *walk], 0, key)
-            own = {"segments": segments, "specials": specials}
-            if segments:
-                found.append({**own, "doubled": _doubled(own, walks, key)})
+def _doubled(
+    branch: Record,
+    own: Sequence[BranchPoint | SpecialPoint],
+    others: Sequence[Sequence[BranchPoint | SpecialPoint]],
+    key: str,
+) -> list[dict[str, Any]]:
+    """The branches of doubled gaits that begin at the period doublings of a branch.
+
+    Parameters
+    ----------
+    own, others : the records of the branch, and those of the branches that were followed from it.
+    """
+    kept, found = {special["value"] for special in branch["specials"]}, list[dict[str, Any]]()
+    origins = [r for r in own if isinstance(r, SpecialPoint) and r.type == "period_doubling" and r.value in kept]
+    for origin, walk in ((origin, walk) for origin in origins for walk in others if walk[0].branch in origin.next):
+        segments, specials = _cut([origin, *walk], 0, key)
+        part = {"segments": segments, "specials": specials}
+        if segments:
+            found.append({**part, "doubled": _doubled(part, walk, others, key)})
     return found
 
 

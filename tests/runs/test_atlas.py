@@ -8,7 +8,8 @@ from named import named
 
 import gaitopt as go
 from gaitopt.errors import ArgumentError, ProblemError, UnknownNameError
-from gaitopt.runs.atlas import ATLAS_JOBS, begun_curves, read_atlas
+from gaitopt.runs.atlas import ATLAS_JOBS, begun_curves, read_atlas, slice_job
+from gaitopt.runs.grid import Axis
 
 WHEEL = {"friction": (0.85, 1.0), "walker.slope": ("12.6 deg", "13.4 deg")}
 
@@ -65,6 +66,20 @@ def test_the_atlas_of_the_compass_has_its_resonances_and_regions(tmp_path) -> No
     (torus,) = [curve for curve in found.arrangement.curves if curve.type == "neimark_sacker"]
     at_1 = np.interp(radians(1), torus.points[:, 1], torus.points[:, 0])
     assert at_1 == pytest.approx(0.1103495808, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_a_branch_has_the_doubled_gaits_of_its_period_doublings() -> None:
+    problem = go.load_problem("compass-passive-a")
+    mass = problem.parameters["walker.hip_mass"]
+    ranges = {"walker.slope": (0.03, 0.045), "walker.hip_mass": (mass, mass + 0.1)}
+    first, second = (Axis(key=key, lower=low, upper=high, count=2) for key, (low, high) in ranges.items())
+    branch = slice_job(problem, (first, second), mass, 400, 2, None)
+    (doubled,) = branch["doubled"]
+    (doubling,) = (special for special in branch["specials"] if special["type"] == "period_doubling")
+    assert doubled["specials"][0] == doubling
+    assert all(len(point["steps"]) == 2 for segment in doubled["segments"] for point in segment)
+    assert not doubled["doubled"]
 
 
 def test_every_curve_that_begins_at_a_codimension_two_point_is_traced_once() -> None:
