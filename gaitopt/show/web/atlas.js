@@ -164,7 +164,7 @@ class AtlasMap {
       const name = first < 0 ? words : html("button", { type: "button" }, words);
       if (first >= 0) name.addEventListener("click", () => this.select(first));
       const stability = unstable === null ? "" : unstable ? "unstable" : "stable";
-      const cells = [html("span", { class: `swatch region ${colour}` }), name, stability, ...(several ? [sheet < 0 ? "" : String(sheet + 1)] : []), `${(100 * part).toPrecision(3)} %`];
+      const cells = [html("span", { class: `swatch region ${colour}` }), name, stability, ...(several ? [sheet < 0 ? "" : String(sheet + 1)] : []), `${(100 * part).toPrecision(3)}\u00a0%`];
       return html("tr", {}, ...cells.map((cell) => html("td", {}, cell)));
     });
     const head = ["", "mode sequence", "", ...(several ? ["sheet"] : []), "area"].map((words) => html("th", { scope: "col" }, words));
