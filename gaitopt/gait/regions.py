@@ -6,10 +6,10 @@ neighbouring branches are matched in the order of the branch, the longest common
     branch at b_j+1      s0  |  s1  |      s3       |  s4          | special points: curves pass through them
     branch at b_j        s0  |  s1  |  s2  |   s3   |  s4          X where s2 begins: curves meet there
 
-A *region* is a connected set of matched segments, a *sheet* one of regions that no fold separates, and a *curve* passes
-through the special points between two segments. Curves that were traced have the points of their trace, and meet where
-it has located a codimension-two point, turns back, or leaves the range. Others are monotone cubics through the special
-points of the branches, and meet between two branches where their tangents do.
+A *region* is a connected set of matched segments, a *sheet* one of regions between which no branch turns back, and a
+*curve* passes through the special points between two segments. Curves that were traced have the points of their trace,
+and meet where it has located a codimension-two point, turns back, or leaves the range. Others are monotone cubics
+through the special points of the branches, and meet between two branches where their tangents do.
 
 Families of doubled gaits, which begin at a period doubling of another family, are arranged by themselves, on sheets of
 their own.
@@ -127,6 +127,11 @@ class Slice:
         )
         segments = tuple(replace(segment, points=segment.points[::-1]) for segment in self.segments[::-1])
         return replace(self, segments=segments, specials=swapped)
+
+    def turns(self, k: int) -> bool:
+        """Whether the branch turns back at an inner special point: at a fold, or where modes change at a margin."""
+        special, sides = self.specials[k], [each.middle["value"] for each in self.segments[k - 1 : k + 1]]
+        return special["type"] == "fold" or bool(np.prod(np.array(sides) - special["value"]) > 0)
 
     @property
     def steps(self) -> int:
@@ -390,7 +395,7 @@ def _arranged(slices: Sequence[Slice], span: tuple[float, float], traces: Sequen
             sheets.join((j, s), (j + 1, t))
     for j, each in enumerate(slices):
         for i in range(1, len(each.segments)):
-            if each.specials[i]["type"] != "fold":
+            if not each.turns(i):
                 sheets.join((j, i - 1), (j, i))
     numbers = sheets.numbers()
 

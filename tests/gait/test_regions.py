@@ -142,9 +142,10 @@ def test_families_of_doubled_gaits_lie_on_sheets_of_their_own() -> None:
 
 
 def test_folds_separate_sheets_and_beyond_a_fold_there_is_no_gait() -> None:
-    cuts = [("end", 0.0), ("fold", 0.8), ("fold", 0.3), ("end", 1.0)]
-    found = arrange([branch(b, cuts, [0.5, 2.0, 0.5]) for b in (0.0, 1.0)], SPAN)
-    assert sorted((region.sheet, round(region.area, 9)) for region in found.regions) == [(0, 0.8), (1, 0.5), (2, 0.7)]
+    for kind in ("fold", "impact_change"):  # a branch may also turn back where its modes change
+        cuts = [("end", 0.0), ("fold", 0.8), (kind, 0.3), ("end", 1.0)]
+        regions = arrange([branch(b, cuts, [0.5, 2.0, 0.5], [SLIPS, SLIPS, MODES]) for b in (0.0, 1.0)], SPAN).regions
+        assert sorted((region.sheet, round(region.area, 9)) for region in regions) == [(0, 0.8), (1, 0.5), (2, 0.7)]
     slices = [branch(b, [("end", 0.0), ("lift_off", 0.75)], [0.5]) for b in (0.0, 1.0)]
     end = Traced(type="lift_off", points=np.array([(0.75, 0.0), (0.75, 1.0)]), specials=())
     for traces, words in (([end], NO_GAIT), ([], UNKNOWN)):
