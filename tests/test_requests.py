@@ -264,6 +264,7 @@ def test_the_first_line_of_a_branch_has_the_keys_that_it_has_had():
             "--dt is 0.0, but must be a finite number, from",
         ),
         (("find", "--seed", "-1"), "--seed is -1, but must be a whole number, at least 0"),
+        (("simulate", "--seed", "3"), "--seed: only a floor of --random has a seed"),
         (("find", "--starts", "many"), "--starts is 'many', but must be a whole number, from 1 to 1,000,000"),
         (("find", "--starts=2.5"), "--starts is '2.5', but must be a whole number"),
         (("find", "--starts", "9" * 5000), "999..., but must be a whole number"),

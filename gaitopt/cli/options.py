@@ -136,6 +136,8 @@ def floor(tiles: str | None, random: str | None, seed: int, steps: int | None) -
 
     if tiles is not None and random is not None:
         raise typer.BadParameter("--floor and --random: give one of them")
+    if random is None and seed:
+        raise typer.BadParameter("--seed: only a floor of --random has a seed")
     if random is not None:
         return RandomFloor.parse(random, seed).draw((steps or UNKNOWN_STEPS) + 1)
     if tiles is None:

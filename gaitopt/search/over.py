@@ -382,9 +382,10 @@ class _Search:
 
     def _too_wide(self, known: _Control, reached: float, reason: str) -> Gait:
         """The failed attempt that states the widest range for which a control was found."""
-        widest = self._target(reached)
-        words = f"no control was found for {self._over.key} from {self._over.lower:g} to {self._over.upper:g}"
-        words += f"; the widest range with one is {widest[0]:.6g} to {widest[1]:.6g}. Beyond it, {reason}"
+        key, widest = self._over.key, self._target(reached)
+        words = f"no control was found for {key} from {self._over.lower:g} to {self._over.upper:g}"
+        found = f"the widest range with one is {widest[0]:.6g} to {widest[1]:.6g}"
+        words += f"; {found if reached else f'there is one for {self._own:g} alone'}. Beyond it, {reason}"
         cause = Cause(what=self._over.key, words=words, needed=self._width, available=widest[1] - widest[0])
         gait = self._failed(known, Status.INFEASIBLE, words)
         return replace(gait, causes=(cause,), over=replace(_described(self._over, self._own), widest=widest))

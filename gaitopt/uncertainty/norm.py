@@ -138,7 +138,7 @@ def _outputs(step: Step) -> list[float]:
             margins = (friction[contact.names[0]] * f_n - sign * f_t for sign in (-1, 1))
             distance = min(distance, *(-curves.maximum(-margin)[1] for margin in margins))
     values = {**measures, "cone_distance": distance}
-    return [np.nan if values[name] is None else float(values[name] or 0.0) for name in OUTPUTS]
+    return [np.nan if value is None else float(value) for value in (values[name] for name in OUTPUTS)]
 
 
 def _squares(linear: list[StepDerivatives], weights: dict[str, Array], n: int, feedback: Array) -> Array:

@@ -16,7 +16,7 @@ from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.curve import Metric, curve_through
 from gaitopt.branches.request import Request
 from gaitopt.branches.switching import beginnings
-from gaitopt.errors import ProblemError, SolveError
+from gaitopt.errors import ProblemError
 from gaitopt.gait.branch import SpecialPoint, cascades
 from gaitopt.gait.gait import floquet_multipliers
 from gaitopt.solver.newton import Solution
@@ -134,9 +134,14 @@ def test_special_points_without_other_branches_are_refused() -> None:
     fold = SpecialPoint(branch=0, type="fold", value=float(gait.p[0]), status="converged", gait=gait)
     with pytest.raises(ProblemError, match="no other branch begins at a special point of type fold"):
         continuation(fold, SLOPE, 0.1)
+
+
+def test_the_gait_of_a_special_point_is_followed_in_another_parameter() -> None:
     (doubling,) = stick().special("period_doubling")
-    with pytest.raises(SolveError, match="no other branch is found"):  # the parameter does not act on a sticking foot
-        continuation(doubling, "friction", 0.5)
+    period = doubling.gait.measures["period"]
+    followed = continuation(doubling, "friction", 0.5)
+    assert followed.values[-1] == pytest.approx(0.5)
+    assert followed.column("period") == pytest.approx(period, rel=1e-12)  # friction does not act on a sticking foot
 
 
 FEW = Request(parameter=SLOPE, to=(radians(5.5),), max_points=3, verify_every=0)
