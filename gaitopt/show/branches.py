@@ -247,8 +247,8 @@ def write_beside(
         if options:
             _, distance, (right, up), low, high = min(options, key=lambda option: option[0] + option[1])
             taken.append((low, high))
-            ink = NEUTRAL if letter is None else "black"
-            leader = {"arrowstyle": "-", "color": ink, "linewidth": 0.7} if distance > DISTANCES[-1] else None
+            ink, near = (NEUTRAL, DISTANCES[-1]) if letter is None else ("black", DISTANCES[1])
+            leader = {"arrowstyle": "-", "color": ink, "linewidth": 0.7} if distance > near else None
             axes.annotate(
                 text, (value, height), xytext=(7 * distance * right, 5 * distance * up), textcoords="offset points",
                 ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top", fontsize="small",
