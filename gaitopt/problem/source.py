@@ -7,6 +7,7 @@ Named problems are files shipped with the package, or those of the folder ``prob
 
 import difflib
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -83,12 +84,13 @@ def find_problem(name_or_path: str | Path, folder: Path | None = None) -> Path:
     text = str(name_or_path)
     if isinstance(name_or_path, Path) or text.endswith(SUFFIXES) or "/" in text or "\\" in text:
         return (folder or Path()) / name_or_path
-    names = problem_names()
-    if text not in names:
-        near = difflib.get_close_matches(text, names, n=2)
-        remedy = f"did you mean {' or '.join(near)}?" if near else "`gaitopt list` shows all names"
-        raise UnknownNameError(f"no problem is called {shown(text)}; {remedy} (or give the path of a .yaml file)")
-    return _folder() / f"{text}.yaml"
+    path = _folder() / f"{text}.yaml"
+    with suppress(OSError, ValueError):  # no file can have this name
+        if path.is_file():
+            return path
+    near = difflib.get_close_matches(text, problem_names(), n=2)
+    remedy = f"did you mean {' or '.join(near)}?" if near else "`gaitopt list` shows all names"
+    raise UnknownNameError(f"no problem is called {shown(text)}; {remedy} (or give the path of a .yaml file)")
 
 
 def _folder() -> Path:
