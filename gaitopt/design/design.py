@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.exact import RADIUS, SMALL, WORST, Evaluation, ExactProblem, freed_sizes
 from gaitopt.design.smoothed import SmoothedProblem, conflicts
@@ -258,11 +259,8 @@ class _Design:
             start = exact.evaluate(refined)
             if start is None:
                 return None
-            freed, levels = np.split(start.u, [len(self._free)])
-            sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
-            optimum = optimise(
-                exact, start, sizes, cautious=cautious, progress=self._progress, should_stop=self._should_stop
-            )
+            sizes, progress, should_stop = self._sizes(start), self._progress, self._should_stop
+            optimum = optimise(exact, start, sizes, cautious=cautious, progress=progress, should_stop=should_stop)
             iterations += optimum.iterations
             solutions = [gait.solution for gait in optimum.evaluation.scenarios]
             refined = tuple(map(refine, solutions))
@@ -297,11 +295,14 @@ class _Design:
                 break
         return best
 
+    def _sizes(self, at: Evaluation) -> Array:
+        """Typical sizes of the freed parameters and the levels, shape (n_u,)."""
+        freed, levels = np.split(at.u, [len(self._free)])
+        return np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
+
     def _edges(self, at: Evaluation) -> tuple[Edge, ...]:
         """The margins that an optimum would cross if the mode sequences of its scenarios allowed it."""
-        n = len(self._free)
-        freed, levels = np.split(at.u, [n])
-        sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
+        n, sizes = len(self._free), self._sizes(at)
         weights, edges = kkt_residual(at, sizes)[1], list[Edge]()
         of_problem = {*self._problem.constraints, *self._problem.objective, *self._free, WORST}
         for constraint in at.constraints:

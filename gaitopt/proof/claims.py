@@ -290,7 +290,7 @@ def _order_of_zero(orbit: Orbit, j: int, name: str, start: arb) -> int:
         at_edge = event == (CONE[Mode(mode.contacts[contact])], contact)
         is_gentle = at_edge and _changes_alone(before.mode, mode, contact)
         return min(sequence.onset_order(phase, contact, jump=drops), 2 if is_gentle else 1)
-    if what != "slip_velocity" and name in system.transitions.zeros_after(sequence, before.phase):
+    if name in system.transitions.zeros_after(sequence, before.phase):
         return 1
     if name == _rising(system) and not system.walker.stands_on_one():
         return int(phase == 0)
@@ -519,7 +519,7 @@ def _impact(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
     walker, row = system.walker, system.transitions.ending(orbit.sequence, orbit.arcs[j].phase)
     landing = [name for name in struck.touching if name not in before.touching]
     needed = _impact_margins(orbit, struck, j, y)
-    counts = dict(zip(walker.landing_points(), orbit.impact(struck, j)(y)[3], strict=True))
+    counts = dict(zip(walker.landing_points(), orbit.impact(struck, j)(y)[2], strict=True))
     smallest_margin = _all_positive({**needed, **{f"the landing of {name}": counts[name] for name in landing}})
     sticks_first = system.law is ImpactLaw.FRICTIONLESS or system.friction.may_drop
     names_after = (walker.swapped(mode.contact) if orbit.swaps(j) else mode for mode in row.candidates)
@@ -585,7 +585,7 @@ def measure_bounds(orbit: Orbit, cycle: CycleEnclosure, period: arb) -> dict[str
         if orbit.ends_step(j):
             struck, y = orbit.struck(j), cycle.ends[j]
             length += orbit.impact(struck, j)(y)[1][orbit.system.n_shape] if struck else y[orbit.system.n_shape]
-            work += orbit.impact(struck, j)(y)[4][0] if struck else arb(0)
+            work += orbit.impact(struck, j)(y)[3][0] if struck else arb(0)
     weight = BallFunction(orbit.system.weight, [])(orbit.p)[0][0]
     ratio = largest_force_ratio(forces) if forces else None
     return {

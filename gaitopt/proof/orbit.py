@@ -399,7 +399,7 @@ class Orbit:
     @lru_cache(maxsize=64)  # noqa: B019 - as long as the equations
     @building
     def impact(self, struck: Mode, j: int) -> BallFunction:
-        """y at the end of arc ``j`` -> margins of an impact, state after it, heights, ``counts``, work of the push.
+        """y at the end of arc ``j`` -> margins of an impact, state after it, ``counts``, work of the push.
 
         Parameters
         ----------
@@ -407,10 +407,10 @@ class Orbit:
         """
         (y, p, values), system, before = self._spaces[j].symbols(), self.system, self.arcs[j].mode
         z = y[: system.n_z]
-        heights, _, counts = system.contact_points(z, values)
+        _, _, counts = system.contact_points(z, values)
         margins = system.impact_margins(struck, before)(z, values)
         z_plus = system.impact(struck, before, ends_step=self.ends_step(j))(z, values)[0]
-        outputs = [margins, z_plus, heights, counts, system.push(before)(z, values)[1]]
+        outputs = [margins, z_plus, counts, system.push(before)(z, values)[1]]
         return BallFunction(Function(f"impact_{struck.key}", [y, p], cse(outputs)), [self.p])
 
 

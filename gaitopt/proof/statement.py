@@ -438,7 +438,7 @@ def _check_corners(problem: Problem, designed: Mapping[str, str], intervals: Map
     """Refuse intervals if the parameters at one of their corners contradict each other."""
     if len(intervals) > MOST_INTERVALS:
         raise ValueError(f"{len(intervals)} parameters have intervals, at most {MOST_INTERVALS} may have one")
-    if problem.free:
+    if problem.free or problem.objective or problem.constraints:  # torques that were unknowns have their values by now
         problem = problem.with_fixed({key: float(ball(designed[key]).mid()) for key in problem.free})
     ends = ([float(ball(end.strip()).mid()) for end in text.split(INTERVAL)] for text in intervals.values())
     for corner in product(*ends):

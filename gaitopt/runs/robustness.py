@@ -77,8 +77,8 @@ class Robustness(Reported):
             group, *keys = name.split(":")
             if group == "patch":
                 record.setdefault("patch", {}).setdefault(keys[0], {})[keys[1]] = shown_limit(keys[0], value)
-            elif group == "push":
-                record.setdefault("push", {}).setdefault(keys[0], [None, None])[int(keys[1])] = value["value"]
+            elif group == PUSH:
+                record.setdefault(PUSH, {}).setdefault(keys[0], [None, None])[int(keys[1])] = value["value"]
             elif group == "range":
                 record["range"] = {keys[0]: value}
             elif name == FALLS or group not in (FALLS, EIGENVALUE):  # earlier versions stored all falls as one figure
@@ -214,9 +214,9 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
             raise error
         if "range" in groups:
             Request(parameter=self.key, to=(UNLIKELY,)).first_gait(self.gait)
-        if {"patch", "falls"} & {*groups}:
+        if {"patch", FALLS} & {*groups}:
             check_floor(self.gait.system, Floor(friction=1.0))
-        if "falls" in groups and not self.floor.is_even:
+        if FALLS in groups and not self.floor.is_even:
             check_floor(self.gait.system, self.floor.draw(2))
         _ = self.jobs
 
@@ -239,7 +239,7 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
         of_group: dict[str, list[str]] = {
             "range": [f"range:{self.key}"],
             "patch": [f"patch:{kind}:{length}" for kind in fitting for length in LENGTHS],
-            "push": [f"push:{rate}:{side}" for rate in pushed_rates(self.gait) for side in (0, 1)] + ["nearest"],
+            PUSH: [f"{PUSH}:{rate}:{side}" for rate in pushed_rates(self.gait) for side in (0, 1)] + ["nearest"],
             "sensitivity": ["sensitivity"],
             FALLS: [*(f"{FALLS}:{first}" for first in range(0, self.walks, WALKS_AT_ONCE)), EIGENVALUE],
         }
@@ -280,7 +280,7 @@ def figure_job(
     elif group == "patch":
         whole = keys[0] == "friction_low"
         value = _limit_record(patch_limit(gait, keys[0], int(keys[1]), engine, whole=whole, should_stop=should_stop))
-    elif group == "push":
+    elif group == PUSH:
         value = _limit_record(push_limit(gait, keys[0], (-1, 1)[int(keys[1])], engine, should_stop=should_stop))
     elif group == "nearest":
         nearest = nearest_failure(gait, engine, seed=request.seed, should_stop=should_stop)

@@ -25,6 +25,7 @@ from gaitopt.branches.curve import CurvePoint, Metric, first_point
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.design import Edge, ScenarioOptimum, design_scenarios
+from gaitopt.design.exact import RADIUS, SMALL
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint
 from gaitopt.gait.gait import Cause, Gait, Status, best_point
@@ -34,7 +35,6 @@ from gaitopt.problem.statement import Aggregate, Over, Range
 from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
 from gaitopt.systems import solve_sequence
 
-RADIUS = "spectral_radius"
 LARGEST_RADIUS = 0.999
 """Bound of the spectral radius where the problem has none, or a larger one: the gaits of a range are stable."""
 OBJECTIVE = "objective"
@@ -43,8 +43,6 @@ NODES = 9
 """Number of equally spaced values of which the mean of an objective is taken, by the trapezoidal rule."""
 LARGEST_VIOLATION = 1e-6
 """Largest violation of a constraint between the scenarios, relative to its bound."""
-SMALLEST_UNIT = 1e-3
-"""Smallest bound or objective that serves as the unit of its violations."""
 MAX_ROUNDS = 20
 """Largest number of times that scenarios are added to one range."""
 MAX_SEQUENCES = 12
@@ -344,11 +342,11 @@ class _Search:
         """
         rows = {}
         for name, span in self._design.constraints.items():
-            unit = max(*(abs(bound) for bound in (span.minimum, span.maximum) if np.isfinite(bound)), SMALLEST_UNIT)
+            unit = max(*(abs(bound) for bound in (span.minimum, span.maximum) if np.isfinite(bound)), SMALL)
             value = gait.scalar(name)
             rows[name] = max(value - span.maximum, span.minimum - value) / unit if np.isfinite(value) else -inf
         if level is not None and self._over.aggregate is Aggregate.WORST and self._design.objective:
-            rows[OBJECTIVE] = (self._objective(gait) - level) / max(abs(level), SMALLEST_UNIT)
+            rows[OBJECTIVE] = (self._objective(gait) - level) / max(abs(level), SMALL)
         return rows
 
     def _objective(self, gait: Gait) -> float:
