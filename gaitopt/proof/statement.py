@@ -263,7 +263,8 @@ def _with_torques(problem: Problem, record: OrbitRecord, designed: Mapping[str, 
     if not isinstance(record.law, DurationRecord):
         raise ValueError(f"the torques of {problem.name} are unknowns, but the certificate states no duration of them")
     values = {key: float(ball(text).mid()) for key, text in designed.items()}
-    return replace(problem, control=law.fixed(values, record.law.duration))
+    fixed = law.fixed(values, record.law.duration)
+    return replace(problem, control=fixed, objective={}, constraints={})  # they chose the torques
 
 
 def _completed(law: Control, problem: Problem, record: OrbitRecord, *, is_fixed: bool) -> Control:
@@ -438,7 +439,7 @@ def _check_corners(problem: Problem, designed: Mapping[str, str], intervals: Map
     """Refuse intervals if the parameters at one of their corners contradict each other."""
     if len(intervals) > MOST_INTERVALS:
         raise ValueError(f"{len(intervals)} parameters have intervals, at most {MOST_INTERVALS} may have one")
-    if problem.free or problem.objective or problem.constraints:  # torques that were unknowns have their values by now
+    if problem.free:
         problem = problem.with_fixed({key: float(ball(designed[key]).mid()) for key in problem.free})
     ends = ([float(ball(end.strip()).mid()) for end in text.split(INTERVAL)] for text in intervals.values())
     for corner in product(*ends):

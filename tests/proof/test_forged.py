@@ -707,14 +707,15 @@ def lie(original, forged, path):
     if not result.proved:
         return None
     before, after = original.to_record(), result.to_record()
-    changed = {key for key in before["statement"] if before["statement"][key] != after["statement"][key]}
+    one, other = before["statement"], after["statement"]
+    changed = {key for key in {*one, *other} if one.get(key) != other.get(key)}
     if changed - PRINTED.get(path[0], set()):
         return f"the statement differs in {changed}"
     for key in ("problem", "proved", "stable", "parameter", "special"):
         if before.get(key) != after.get(key):
             return f"{key} is {after.get(key)}"
     if [claim["claim"] for claim in before["claims"]] != [claim["claim"] for claim in after["claims"]]:
-        return None if changed == {"not_proved"} else "the claims differ"
+        return None if {"not_proved"} <= changed <= {"not_proved", "reference"} else "the claims differ"
     if changed & {"law", "parameters"}:
         return None  # another theorem, and its statement says which curve or value it is about
     bounds = [(original.state[key], result.state[key]) for key in original.state]
