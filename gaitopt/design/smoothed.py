@@ -44,7 +44,7 @@ from gaitopt.solver.collocation_elements import SMOOTHING, GroundContact, ground
 from gaitopt.solver.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
 from gaitopt.solver.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, IpoptResult
 from gaitopt.solver.newton import Solution
-from gaitopt.solver.program import EquationSlope, ShootingProgram
+from gaitopt.solver.program import ShootingProgram, equation_slope
 from gaitopt.solver.shooting import Label, MultipleShooting
 from gaitopt.threads import cached_property
 
@@ -268,7 +268,7 @@ class SmoothedProblem:
                 lower=0.0,
                 upper=0.0,
                 labels=equations.equality_labels,
-                slope=EquationSlope(equations),
+                slope=equation_slope(equations),
             ),
             Block(name="margins", expression=margins, lower=least, labels=labels),
         ]

@@ -23,20 +23,20 @@ even Lipschitz. They hold again after two multipliers have left the circle toget
 solution.
 """
 
-from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from casadi import DM, MX, Callback, Function, Sparsity
+from casadi import DM, Function, Sparsity
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.building import building
 from gaitopt.gait.zero_dynamics import has_zero_dynamics, unactuated_direction
 from gaitopt.integration import bracketed_root
+from gaitopt.model.buffered import NumericFunction
 from gaitopt.model.modes import Mode
 from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.solver.newton import Solution
@@ -59,7 +59,22 @@ def certified_radius(equations: MultipleShooting) -> Function:
 
     It must be kept as long as a nonlinear program uses it.
     """
-    return _CertifiedRadius(equations)
+    known, n_w, n_p = _Certificates(equations), equations.w.numel(), equations.parameters.numel()
+
+    def radius(w: Array, p: Array) -> tuple[float]:
+        certificate = known.at(w, p)
+        return (np.nan if certificate is None else certificate.radius,)
+
+    def gradient(w: Array, p: Array, _: Array) -> tuple[Array, DM]:
+        """d rho / dw, and zero for d rho / dp, which is never used."""
+        certificate = known.at(w, p)
+        if certificate is None:
+            return np.full((1, w.size), np.nan), DM(1, p.size)
+        G = radius_gradient(certificate.linear.by_section, certificate.radius, certificate.P)
+        return certificate.linear.gradient(G)[None, :], DM(1, p.size)
+
+    slopes = (Sparsity.dense(1, n_w), Sparsity(1, n_p)), gradient
+    return NumericFunction("radius", (n_w, n_p), (Sparsity.dense(1, 1),), radius, derivatives=slopes)
 
 
 @building
@@ -85,59 +100,6 @@ def zero_dynamics_radius(equations: MultipleShooting, w: Array, p: Array) -> Fun
     return Function("zero_dynamics", [t.w, t.parameters], [(sigma[0] / sigma[1]) ** 2])
 
 
-class _CertifiedRadius(Callback):
-    """(w, p) -> rho. The last evaluation is kept, because IPOPT needs radius and gradient at the same point."""
-
-    def __init__(self, equations: MultipleShooting) -> None:
-        super().__init__()
-        self.equations = equations
-        self._key: tuple[bytes, bytes] | None = None
-        self._certificate: _Certificate | None = None
-        self._gradient: _RadiusGradient | None = None
-        self.construct("radius", {})
-
-    def get_n_in(self) -> int:
-        return 2
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_sparsity_in(self, i: int) -> Sparsity:
-        return Sparsity.dense((self.equations.w, self.equations.parameters)[i].numel(), 1)
-
-    def eval(self, arg: Sequence[DM]) -> list[DM]:
-        certificate = self.certificate(*(np.asarray(value).ravel() for value in arg))
-        return [DM(np.nan if certificate is None else certificate.radius)]
-
-    def has_jacobian(self) -> bool:
-        return True
-
-    def get_jacobian(
-        self, name: str, inames: Sequence[str], onames: Sequence[str], opts: Mapping[str, Any]
-    ) -> Function:
-        self._gradient = _RadiusGradient(self, name, opts)
-        return self._gradient
-
-    @overflow_allowed()
-    def certificate(self, w: Array, p: Array) -> "_Certificate | None":
-        """The radius with its certificate; None if the derivative of the return map is not finite or too large."""
-        key = (w.tobytes(), p.tobytes())
-        if key == self._key:
-            return self._certificate
-        self._key, self._certificate = key, None
-        if not np.isfinite(w).all():
-            return None
-        try:
-            linear = Solution(self.equations, w, p).return_map
-            M = linear.by_section
-        except RuntimeError:  # singular
-            return None
-        if np.isfinite(M).all():
-            with suppress(ValueError):  # rounding hides the radius of a matrix that is very large
-                self._certificate = _Certificate(linear, *smoothed_radius(M))
-        return self._certificate
-
-
 class _Certificate(NamedTuple):
     """The return map, the certified radius of its derivative M, and its P."""
 
@@ -146,35 +108,32 @@ class _Certificate(NamedTuple):
     P: Array
 
 
-class _RadiusGradient(Callback):
-    """(w, p, rho) -> d rho / dw, and zero for d rho / dp, which is never used."""
+class _Certificates:
+    """The certificates of motions. The last one is kept, because IPOPT needs radius and gradient at the same point."""
 
-    def __init__(self, radius: _CertifiedRadius, name: str, options: Mapping[str, Any]) -> None:
-        super().__init__()
-        self._equations, self._certificate = radius.equations, radius.certificate
-        self.construct(name, options)
+    def __init__(self, equations: MultipleShooting) -> None:
+        self._equations = equations
+        self._key: tuple[bytes, bytes] | None = None
+        self._certificate: _Certificate | None = None
 
-    def get_n_in(self) -> int:
-        return 3
-
-    def get_n_out(self) -> int:
-        return 2
-
-    def get_sparsity_in(self, i: int) -> Sparsity:
-        return Sparsity.dense((self._equations.w, self._equations.parameters, MX(1, 1))[i].numel(), 1)
-
-    def get_sparsity_out(self, i: int) -> Sparsity:
-        return (
-            Sparsity.dense(1, self._equations.w.numel()) if i == 0 else Sparsity(1, self._equations.parameters.numel())
-        )
-
-    def eval(self, arg: Sequence[DM]) -> list[DM]:
-        w, p, _ = (np.asarray(value).ravel() for value in arg)
-        certificate = self._certificate(w, p)
-        if certificate is None:
-            return [DM(np.full((1, w.size), np.nan)), DM(1, p.size)]
-        G = radius_gradient(certificate.linear.by_section, certificate.radius, certificate.P)
-        return [DM(certificate.linear.gradient(G)).T, DM(1, p.size)]
+    @overflow_allowed()
+    def at(self, w: Array, p: Array) -> _Certificate | None:
+        """The certificate of a motion; None if the derivative of the return map is not finite or too large."""
+        key = (w.tobytes(), p.tobytes())
+        if key == self._key:
+            return self._certificate
+        self._key, self._certificate = key, None
+        if not np.isfinite(w).all():
+            return None
+        try:
+            linear = Solution(self._equations, w, p).return_map
+            M = linear.by_section
+        except RuntimeError:  # singular
+            return None
+        if np.isfinite(M).all():
+            with suppress(ValueError):  # rounding hides the radius of a matrix that is very large
+                self._certificate = _Certificate(linear, *smoothed_radius(M))
+        return self._certificate
 
 
 def smoothed_radius(M: Array) -> tuple[float, Array]:

@@ -14,19 +14,19 @@ The curvature of the rows by torques and freed parameters, along the solutions o
 differences.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
-from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, vertcat
+from casadi import DM, MX, Function, Sparsity, dot, gradient, vertcat
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.building import BUILT, building
 from gaitopt.design.spectral_radius import CircleInequality, circle_inequalities
-from gaitopt.model.buffered import BufferedFunction
+from gaitopt.model.buffered import BufferedFunction, NumericFunction
 from gaitopt.model.modes import Mode
 from gaitopt.solver.collocation import Collocation
 from gaitopt.solver.collocation_rows import DURATION
@@ -137,55 +137,37 @@ class _Point(NamedTuple):
     rows: list[CircleInequality]
 
 
-class CircleRows(Callback):
-    """(x, p) -> circle inequalities of the multipliers for a radius, with a Jacobian; NaN where there is no return map.
+class CircleRows:
+    """The circle inequalities of the multipliers for a radius; NaN where there is no return map.
 
-    It must be kept as long as a program uses it.
+    Attributes
+    ----------
+    returned : the return map.
+    rows : (x, p) -> the inequalities, with a Jacobian. It must be kept as long as a program uses it, as ``bent``.
+    bent : (x, p, multipliers) -> curvature of the rows by torques and freed parameters.
     """
 
     @building
     def __init__(self, collocation: Collocation, radius: float) -> None:
-        super().__init__()
-        self.returned, self.radius = ReturnMap(collocation), radius
-        self.sizes = collocation.n_x, len(collocation.dynamics.p)
-        self.count = 2 + (self.returned.section.indices.size > 1)
+        self.returned, self._radius = ReturnMap(collocation), radius
+        n_x, n_p, count = collocation.n_x, len(collocation.dynamics.p), 2 + (self.returned.section.indices.size > 1)
         self._key: tuple[bytes, bytes] | None = None
         self._point: _Point | None = None
-        self._parts: tuple[Callback, ...] = ()
-        self.construct("circle", {})
 
-    def get_n_in(self) -> int:
-        """Number of inputs."""
-        return 2
+        def rows(x: Array, p: Array) -> tuple[Any]:
+            point = self.at(x, p)
+            return (np.full(count, np.nan) if point is None else [row.value for row in point.rows],)
 
-    def get_n_out(self) -> int:
-        """Number of outputs."""
-        return 1
+        def slopes(x: Array, p: Array, _: Array) -> tuple[Array, DM]:
+            """Derivatives of the rows by x, and zero for those by p, which are never used."""
+            return np.array([self.gradient(x, p, weights) for weights in np.eye(count)]), DM(count, p.size)
 
-    def get_sparsity_in(self, i: int) -> Sparsity:
-        """Shape of an input."""
-        return Sparsity.dense(self.sizes[i], 1)
-
-    def get_sparsity_out(self, i: int) -> Sparsity:
-        """Shape of an output."""
-        return Sparsity.dense(self.count, 1)
-
-    def eval(self, arg: Sequence[DM]) -> list[DM]:
-        """The rows, shape (count,)."""
-        point = self.at(*(np.asarray(value).ravel() for value in arg))
-        return [DM(np.full(self.count, np.nan) if point is None else [row.value for row in point.rows])]
-
-    def has_jacobian(self) -> bool:
-        """Whether derivatives are given."""
-        return True
-
-    def get_jacobian(
-        self, name: str, inames: Sequence[str], onames: Sequence[str], opts: Mapping[str, Any]
-    ) -> Function:
-        """The Jacobian."""
-        jacobian = _CircleJacobian(self, name, opts)
-        self._parts = (*self._parts, jacobian)
-        return jacobian
+        derivatives = (Sparsity.dense(count, n_x), Sparsity(count, n_p)), slopes
+        self.rows = NumericFunction("circle", (n_x, n_p), (Sparsity.dense(count, 1),), rows, derivatives=derivatives)
+        n = self.returned.controls.size
+        self.bent = NumericFunction(
+            "curvature", (n_x, n_p, count), (Sparsity.dense(n, n),), lambda *at: (self.curvature(*at),)
+        )
 
     @overflow_allowed()
     def at(self, x: Array, p: Array) -> _Point | None:
@@ -196,7 +178,7 @@ class CircleRows(Callback):
             with suppress(RuntimeError, np.linalg.LinAlgError):  # singular
                 V, M, adjoint = self.returned.response(x, p)
                 if np.isfinite(M).all():
-                    self._point = _Point(V, adjoint, circle_inequalities(M, self.radius))
+                    self._point = _Point(V, adjoint, circle_inequalities(M, self._radius))
         return self._point
 
     def gradient(self, x: Array, p: Array, weights: Array) -> Array:
@@ -222,63 +204,11 @@ class CircleRows(Callback):
         return (curvature + curvature.T) / 2 if np.isfinite(curvature).all() else np.zeros((n, n))
 
 
-class _CircleJacobian(Callback):
-    """(x, p, rows) -> derivatives of the rows by x, and zero for those by p, which are never used."""
-
-    def __init__(self, circle: CircleRows, name: str, options: Mapping[str, Any]) -> None:
-        super().__init__()
-        self._circle = circle
-        self.construct(name, options)
-
-    def get_n_in(self) -> int:
-        return 3
-
-    def get_n_out(self) -> int:
-        return 2
-
-    def get_sparsity_in(self, i: int) -> Sparsity:
-        return Sparsity.dense((*self._circle.sizes, self._circle.count)[i], 1)
-
-    def get_sparsity_out(self, i: int) -> Sparsity:
-        n_x, n_p = self._circle.sizes
-        return Sparsity.dense(self._circle.count, n_x) if i == 0 else Sparsity(self._circle.count, n_p)
-
-    def eval(self, arg: Sequence[DM]) -> list[DM]:
-        x, p, _ = (np.asarray(value).ravel() for value in arg)
-        rows = np.array([self._circle.gradient(x, p, weights) for weights in np.eye(self._circle.count)])
-        return [DM(rows), DM(self._circle.count, p.size)]
-
-
-class _CircleCurvature(Callback):
-    """(x, p, multipliers) -> curvature of the rows by torques and freed parameters."""
-
-    def __init__(self, circle: CircleRows) -> None:
-        super().__init__()
-        self._circle = circle
-        self.construct("curvature", {})
-
-    def get_n_in(self) -> int:
-        return 3
-
-    def get_n_out(self) -> int:
-        return 1
-
-    def get_sparsity_in(self, i: int) -> Sparsity:
-        return Sparsity.dense((*self._circle.sizes, self._circle.count)[i], 1)
-
-    def get_sparsity_out(self, i: int) -> Sparsity:
-        n = self._circle.returned.controls.size
-        return Sparsity.dense(n, n)
-
-    def eval(self, arg: Sequence[DM]) -> list[DM]:
-        return [DM(self._circle.curvature(*(np.asarray(value).ravel() for value in arg)))]
-
-
 @building
 def bound_radius(collocation: Collocation, radius: float) -> None:
     """Add the rows that keep the multipliers within a radius."""
     circle = CircleRows(collocation, radius)
-    collocation.add_rows(RADIUS, circle, _CircleCurvature(circle), circle.returned.controls)
+    collocation.add_rows(RADIUS, circle.rows, circle.bent, circle.returned.controls)
 
 
 def largest_modulus(collocation: Collocation, x: Array) -> float:
