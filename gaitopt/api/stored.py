@@ -238,15 +238,15 @@ def load_records(path: str | Path) -> list[dict[str, Any]]:
     StorageError
         See ``load_run``.
     """
-    from gaitopt.runs.branch import read_branch
+    from gaitopt.runs.branch import BRANCH
     from gaitopt.runs.results import KINDS, kind_of, refuse_other_results
-    from gaitopt.runs.trace import read_trace
+    from gaitopt.runs.trace import TRACE
 
     folder = Path(path)
     kind = kind_of(folder)
     if kind in ("branch", "trace"):
-        read = read_branch if kind == "branch" else read_trace
-        request, records = read(Run(folder), Run(folder).problem())
+        file = BRANCH if kind == "branch" else TRACE
+        request, records = file.read(Run(folder), Run(folder).problem())
         return [dict(record) for record in (request, *records) if record is not None]
     if not kind:
         refuse_other_results(folder)

@@ -4,8 +4,9 @@ The record of a point holds all bits of the unknowns, the tangent and the mesh. 
 them; the gait is then solved again.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -94,6 +95,7 @@ def stored_continuations(family: Gait, parameter: str, records: Sequence[BranchR
     read = list[StoredContinuation]()
     for number, stored in continuations.items():
         points = [record for record in stored if record["record"] == "point"]
+        end = {parameter: points[-1]["value"]} if points else {}
         specials = [record for record in stored if record["record"] == "special"]
         beginning = [record for record in specials if _begins_others(record)]
         is_complete = stored[-1]["record"] == "special" and stored[-1]["type"] in TERMINAL
@@ -103,7 +105,7 @@ def stored_continuations(family: Gait, parameter: str, records: Sequence[BranchR
                 number=number,
                 is_named=number in named,
                 count=len(points),
-                last=None if is_complete or not points else _last_point(family, parameter, points),
+                last=None if is_complete or not points else last_point(family, end, points),
                 metric=metric,
                 specials=tuple(special_point(family, parameter, record) for record in beginning),
                 largest=max([record["branch"] for record in stored] + [n for each in specials for n in each["next"]]),
@@ -158,42 +160,47 @@ def _metric(point: PointRecord) -> Array:
     try:
         return _state(point).metric
     except ValueError as error:
-        raise _unusable(point, error) from error
+        raise unusable(point, error) from error
 
 
-def _last_point(family: Gait, parameter: str, points: Sequence[PointRecord]) -> StoredPoint:
-    """The last point of a continuation, from the records of all its points.
+def last_point(family: Gait, values: Mapping[str, float], points: Sequence[Any]) -> StoredPoint:
+    """The last point of a walk along a branch or a curve in two parameters, from the records of all its points.
+
+    Parameters
+    ----------
+    family : the gait from which it begins, with the friction law that has the parameters.
+    values : the values of the parameters there.
 
     Raises
     ------
     StorageError
         If the continuation cannot be resumed from the record.
     """
-    record = points[-1]
+    record, free = points[-1], tuple(values)
     try:
         if not record["length"] > 0:
             raise ValueError(f"length {record['length']} is not positive")
-        value, steps = record["value"], record.get("steps", (record,))
-        cycle = Cycle.from_record(record)
-        problem = family.problem.replace({parameter: value}).with_modes(cycle, steps[0]["state"])
+        cycle, steps = Cycle.from_record(record), record.get("steps", (record,))
+        problem = family.problem.replace(dict(values)).with_modes(cycle, steps[0]["state"])
         direction, earlier = None, None
         if record.get("walk") is None:
             states = np.array([[step["state"][name] for name in family.system.state_names] for step in steps])
             durations = np.array([phase["duration"] for phase in record["phases"]])
-            rolled = roll_out(family.dynamics.at({parameter: value}), cycle, states, durations)
-            solution = rolled.on_mesh((parameter,), record.get("intervals", ()))
+            rolled = roll_out(family.dynamics.at(values), cycle, states, durations)
+            solution = rolled.on_mesh(free, record.get("intervals", ()))
         else:
             state = _state(record)
-            if state.unknowns[-1] != value:
-                raise ValueError(f"value {value} is not the last of walk.unknowns, {state.unknowns[-1]}")
-            solution, direction = stored_solution(family, problem, cycle, (parameter,), state), state.direction
+            if state.unknowns[-len(free) :].tolist() != [*values.values()]:
+                stated = ", ".join(f"{key} = {value}" for key, value in values.items())
+                raise ValueError(f"{stated} is not at the end of walk.unknowns")
+            solution, direction = _stored_solution(family, problem, cycle, free, state), state.direction
             if state.earlier:
                 before = _state(points[-1 - state.earlier])
                 if {before.unknowns.size, before.direction.size} != {state.unknowns.size}:
                     raise ValueError("walk.unknowns do not have the size of those of the point before")
                 earlier = before.unknowns, before.direction
         return StoredPoint(
-            branch=record["branch"],
+            branch=record.get("branch", record.get("curve")),
             index=record["index"],
             length=record["length"],
             problem=problem,
@@ -204,7 +211,7 @@ def _last_point(family: Gait, parameter: str, points: Sequence[PointRecord]) -> 
             earlier=earlier,
         )
     except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise _unusable(record, error) from error
+        raise unusable(record, error) from error
 
 
 def _state(point: PointRecord) -> ContinuationState:
@@ -214,7 +221,7 @@ def _state(point: PointRecord) -> ContinuationState:
     return ContinuationState.from_record(state)
 
 
-def stored_solution(
+def _stored_solution(
     family: Gait, problem: Problem, cycle: Cycle, free: tuple[str, ...], state: ContinuationState
 ) -> Solution:
     """The unknowns of a state with their equations, in which some parameters are free.
@@ -253,6 +260,8 @@ def stored_solution(
     return solution
 
 
-def _unusable(record: PointRecord, error: Exception) -> StorageError:
+def unusable(record: Any, error: Exception) -> StorageError:
+    """The error for a point from which its branch or curve cannot be resumed."""
     fault = f"{error}" if isinstance(error, ValueError) else f"{error!r}"
-    return StorageError(f"branch {record['branch']} cannot be resumed from its point {record['index']}: {fault}")
+    line = f"branch {record['branch']}" if "branch" in record else f"curve {record['curve']}"
+    return StorageError(f"{line} cannot be resumed from its point {record['index']}: {fault}")

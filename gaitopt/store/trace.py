@@ -3,15 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from gaitopt.arrays import Array
-from gaitopt.errors import StorageError
 from gaitopt.gait.branch import ContinuationState
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.records import ConditionRecord, TracePointRecord, TraceRecord
-from gaitopt.model.cycle import Cycle
-from gaitopt.store.branch import StoredPoint, stored_solution
+from gaitopt.gait.records import ConditionRecord, TraceRecord
+from gaitopt.store.branch import StoredPoint, last_point, unusable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,20 +51,19 @@ def stored_traces(family: Gait, free: tuple[str, str], records: Sequence[TraceRe
         is_complete = walk[-1]["record"] == "special"
         last = points[-1]
         try:
-            traces.append(
-                StoredTrace(
-                    count=len(points),
-                    largest=last["curve"],
-                    is_complete=is_complete,
-                    last=None if is_complete else _last_point(family, free, points),
-                    condition=last["condition"],
-                    metric=ContinuationState.from_record(last["walk"]).metric,
-                )
+            metric = ContinuationState.from_record(last["walk"]).metric
+        except ValueError as error:
+            raise unusable(last, error) from error
+        traces.append(
+            StoredTrace(
+                count=len(points),
+                largest=last["curve"],
+                is_complete=is_complete,
+                last=None if is_complete else last_point(family, {key: last["values"][key] for key in free}, points),
+                condition=last["condition"],
+                metric=metric,
             )
-        except (KeyError, IndexError, TypeError, ValueError) as error:
-            words = f"{error}" if isinstance(error, ValueError) else f"{error!r}"
-            place = f"curve {last['curve']} cannot be resumed from its point {last['index']}"
-            raise StorageError(f"{place}: {words}") from error
+        )
     return traces
 
 
@@ -101,30 +96,3 @@ def _walks(records: Sequence[TraceRecord]) -> list[list[TraceRecord]]:
         walks[-1].append(record)
         begins = record["record"] == "special" and record["type"] == "end"
     return [walk for walk in walks if any(record["record"] == "point" for record in walk)]
-
-
-def _last_point(family: Gait, free: tuple[str, str], points: Sequence[TracePointRecord]) -> StoredPoint:
-    record, values = points[-1], points[-1]["values"]
-    if not record["length"] > 0:
-        raise ValueError(f"length {record['length']} is not positive")
-    cycle, state = Cycle.from_record(record), ContinuationState.from_record(record["walk"])
-    problem = family.problem.replace(dict(values)).with_modes(cycle, record["state"])
-    if state.unknowns[-2:].tolist() != [values[key] for key in free]:
-        raise ValueError("values are not the last of walk.unknowns")
-    earlier = None
-    if state.earlier:
-        before = ContinuationState.from_record(points[-2]["walk"])
-        if {before.unknowns.size, before.direction.size} != {state.unknowns.size}:
-            raise ValueError("walk.unknowns do not have the size of those of the point before")
-        earlier = before.unknowns, before.direction
-    return StoredPoint(
-        branch=record["curve"],
-        index=record["index"],
-        length=record["length"],
-        problem=problem,
-        solution=stored_solution(family, problem, cycle, free, state),
-        direction=state.direction,
-        tangent=np.array(record["tangent"]),
-        iterations=int(record["solver"]["iterations"] or 0),
-        earlier=earlier,
-    )
