@@ -6,7 +6,7 @@ If the control law refers to the gait of another problem, that gait is solved fi
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -34,6 +34,7 @@ from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
 from gaitopt.solver.rollout import guessed_motion
 from gaitopt.solver.solve import OTHER_METHODS, free_parameters, solve_gait
+from gaitopt.threads import Uncompared
 
 FLOW_PERIODS = 2
 """A reference with ``beyond_end: flow`` is extended past its end by this many periods; no step takes longer."""
@@ -65,7 +66,7 @@ def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
     tracked: tuple[object, ...] = () if source is None else (source.digest, type(source.walker))
     tracked += () if nominal is None else (nominal.digest,)
     key = (type(problem.walker), problem.impact_law, problem.friction_law, problem.cycle_end, *control, *tracked)
-    return _shared_system(_Structure(key=key, problem=problem, should_stop=should_stop))
+    return _shared_system(key, Uncompared((problem, should_stop)))
 
 
 def problem_dynamics(problem: Problem, *, should_stop: Stop = None) -> Dynamics:
@@ -204,19 +205,11 @@ def gait_curve(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str]) -
     return Curve(names=names, pieces=tuple(pieces), horizon=arc.end, beyond_end=beyond_end)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Structure:
-    """The key of a cached system. ``key`` determines its functions; ``problem`` and ``should_stop`` build it."""
-
-    key: tuple[object, ...]
-    problem: Problem = field(compare=False)
-    should_stop: Stop = field(compare=False)
-
-
 @lru_cache(maxsize=MAX_SYSTEMS)
-def _shared_system(structure: _Structure) -> HybridSystem:
-    problem = structure.problem
-    control = _control(problem, structure.should_stop)
+def _shared_system(key: tuple[object, ...], stated: Uncompared[tuple[Problem, Stop]]) -> HybridSystem:
+    """The system of a problem; ``key`` determines its functions."""
+    problem, should_stop = stated.value
+    control = _control(problem, should_stop)
     law = problem.friction_law
     if control.untimed is not control:
         return build_system(replace(problem, control=control.untimed)).retimed(control)

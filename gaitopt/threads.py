@@ -1,4 +1,4 @@
-"""Caches with separate values for every thread, and cached properties without a lock.
+"""Caches with separate values for every thread, cached properties without a lock, and arguments that no cache compares.
 
 All threads share problems, systems, compiled functions and gaits, because nothing writes to them. Every use writes to
 buffers and integrators, so that every thread has its own.
@@ -7,7 +7,8 @@ buffers and integrators, so that every thread has its own.
 import functools
 import threading
 from collections.abc import Callable
-from typing import Any, ParamSpec, Self, TypeVar, cast, overload
+from dataclasses import dataclass, field
+from typing import Any, Generic, ParamSpec, Self, TypeVar, cast, overload
 
 Arguments = ParamSpec("Arguments")
 Value = TypeVar("Value")
@@ -31,6 +32,18 @@ class cached_property(functools.cached_property[Property]):  # noqa: TID251
         if instance is None:
             return self
         return cast(Property, vars(instance).setdefault(str(self.attrname), self.func(instance)))
+
+
+@dataclass(frozen=True, slots=True)
+class Uncompared(Generic[Value]):
+    """An argument of a cached function that does not select the cached result: the first one that is given computes it.
+
+    Attributes
+    ----------
+    value : the argument.
+    """
+
+    value: Value = field(compare=False)
 
 
 def per_thread(maxsize: int) -> Callable[[Callable[Arguments, Value]], Callable[Arguments, Value]]:

@@ -12,10 +12,10 @@ control and the ground; ``HybridSystem`` compiles them. The NLP and the simulato
 import pickle
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from functools import wraps
+from inspect import signature
 from types import SimpleNamespace
-from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar, cast
 
 import numpy as np
 from casadi import SX, Function, cse, densify, horzcat, jacobian, jtimes, vec, vertcat
@@ -33,7 +33,7 @@ from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, Section, section_of, stated_state
 from gaitopt.model.step_feedback import Correction
 from gaitopt.model.walker import Walker
-from gaitopt.threads import cached_property
+from gaitopt.threads import Uncompared, cached_property
 
 FLOOR = "floor"
 """Beginning of the keys of the ground under the contacts, which are not parameters of a problem."""
@@ -44,25 +44,46 @@ Value = TypeVar("Value")
 Method: TypeAlias = Callable[Concatenate["HybridSystem", Arguments], Value]
 
 
-def compiled(inputs: str) -> Callable[[Method[Arguments, dict[str, SX]]], Method[Arguments, Function]]:
+def compiled(
+    inputs: str, before: Callable[["HybridSystem", Mode], Mode] | None = None
+) -> Callable[[Method[Arguments, dict[str, SX]]], Method[Arguments, Function]]:
     """Decorator of a method that returns expressions by name: the method then returns their function, built once.
 
     Parameters
     ----------
     inputs : letters of the arguments; the method also returns the symbols of arguments other than t, z, p and r.
+    before : maps the method's argument ``before`` to the mode that stands for all modes with the same expressions.
     """
 
     def decorated(expressions: Method[Arguments, dict[str, SX]]) -> Method[Arguments, Function]:
+        place = [*signature(expressions).parameters].index("before") - 1 if before is not None else None
+        defaults = expressions.__kwdefaults__ or {}
+
         @wraps(expressions)
         def function(system: "HybridSystem", /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Function:
-            key = (expressions.__name__, *args)
+            positional: list[Any] = [*args]
+            named = cast(dict[str, Any], {**defaults, **kwargs})
+            if before is not None and place is not None:
+                positional[place] = before(system, positional[place])
+            key = (expressions.__name__, *positional, *named.values())
             if key not in system._functions:
-                system._compile(key, inputs, lambda: expressions(system, *args, **kwargs))
+                system._compile(key, inputs, lambda: expressions(system, *positional, **named))
             return system._functions[key]
 
         return function
 
     return decorated
+
+
+def _touching_and_locked(system: "HybridSystem", before: Mode) -> Mode:
+    """The mode before an impact without what does not matter: contacts that touch, and locked stops, but no slip."""
+    contact = before.contact.with_states(dict.fromkeys(before.touching, Mode.STICK))
+    return Mode.of(contact, dict.fromkeys(before.locked, "locked"))
+
+
+def _before_reset(system: "HybridSystem", before: Mode) -> Mode:
+    """The mode before a reset without what does not matter. A section at the end of a cycle may depend on all."""
+    return _touching_and_locked(system, before) if system.cycle_end == TOUCHDOWN else before
 
 
 class HybridSystem:
@@ -288,29 +309,23 @@ class HybridSystem:
         """
         return self._symbols.momentum(mode)
 
-    def impact(self, mode: Mode, before: Mode, *, ends_step: bool = True) -> Function:
+    @compiled("zp", before=_touching_and_locked)
+    def impact(self, mode: Mode, before: Mode, *, ends_step: bool = True) -> dict[str, SX]:
         """(z, p) -> z_plus, impulse. z_plus is that of ``reset``, but x is the position of the base point.
 
         The impulse is (F_t, F_n) of all contacts, in the order that they have before the impact; for a foot that stands
         alone, its own impulse.
         """
-        return self._impact(mode, _before_impact(before), ends_step)
-
-    @compiled("zp")
-    def _impact(self, mode: Mode, before: Mode, ends_step: bool) -> dict[str, SX]:
         z_plus = self._symbols.after(mode, before, ends_step=ends_step)
         return {"z_plus": z_plus, "impulse": self._symbols.impulse(mode, before)}
 
-    def impacts(self, before: Mode, *modes: Mode) -> Function:
+    @compiled("zp", before=_touching_and_locked)
+    def impacts(self, before: Mode, *modes: Mode) -> dict[str, SX]:
         """(z, p) -> z_plus, impulse and ``foot_velocities`` in a column for each mode; velocity of the landing [m/s].
 
         The walker stands on one foot; see ``Expressions``. The velocity is the normal velocity of the swing foot before
         the landing.
         """
-        return self._impacts(_before_impact(before), *modes)
-
-    @compiled("zp")
-    def _impacts(self, before: Mode, *modes: Mode) -> dict[str, SX]:
         columns, symbols = list[SX](), self._symbols
         for mode in modes:
             ends_step = any(name not in before.touching for name in mode.touching)
@@ -323,15 +338,13 @@ class HybridSystem:
         """(z, p) -> normal velocity with which a contact lands in a mode [m/s]."""
         return {"approach": self._symbols.approach(before, contact)}
 
-    def impact_margins(self, mode: Mode, before: Mode) -> Function:
+    @compiled("zp", before=_touching_and_locked)
+    def impact_margins(self, mode: Mode, before: Mode) -> dict[str, SX]:
         """(z, p) -> margins of an impact in the order of ``transitions.impact_margin_names(mode, before)``."""
-        return self._impact_margins(mode, _before_impact(before))
-
-    @compiled("zp")
-    def _impact_margins(self, mode: Mode, before: Mode) -> dict[str, SX]:
         return {"margins": vertcat(SX(0, 1), *self._symbols.impact_margins(mode, before).values())}
 
-    def reset(self, mode: Mode, before: Mode, *, ends_step: bool = True) -> Function:
+    @compiled("zp", before=_before_reset)
+    def reset(self, mode: Mode, before: Mode, *, ends_step: bool = True) -> dict[str, SX]:
         """(z, p) -> z_plus: the state after the event that ends a phase; x is counted from the new base point.
 
         Parameters
@@ -340,15 +353,13 @@ class HybridSystem:
         before : mode just before it.
         ends_step : whether the step ends.
         """
-        return self._reset(mode, self._before_reset(before), ends_step)
+        return {"z_plus": self._symbols.reset(mode, before, ends_step=ends_step)}
 
-    def reset_jacobian(self, mode: Mode, before: Mode, *, ends_step: bool = True) -> Function:
+    @compiled("zp", before=_before_reset)
+    def reset_jacobian(self, mode: Mode, before: Mode, *, ends_step: bool = True) -> dict[str, SX]:
         """(z, p) -> d z_plus / dz of ``reset``, shape (n_z, n_z)."""
-        return self._reset_jacobian(mode, self._before_reset(before), ends_step)
-
-    def _before_reset(self, before: Mode) -> Mode:
-        """The mode before a reset without what does not matter. A section at the end of a cycle may depend on all."""
-        return _before_impact(before) if self.cycle_end == TOUCHDOWN else before
+        (z_plus,) = self.reset(mode, before, ends_step=ends_step).call([self._symbols.z, self._symbols.p])
+        return {"z_plus_by_z": jacobian(z_plus, self._eom.z)}
 
     @compiled("tzpr")
     def stopped_together(self, mode: Mode, after: Mode) -> dict[str, SX]:
@@ -359,15 +370,6 @@ class HybridSystem:
     def stopped_together_jacobian(self, mode: Mode, after: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> d z_plus / dz of ``stopped_together``, shape (n_z, n_z)."""
         return {"z_plus_by_z": jacobian(self._symbols.stopped_together(mode, after), self._eom.z)}
-
-    @compiled("zp")
-    def _reset(self, mode: Mode, before: Mode, ends_step: bool) -> dict[str, SX]:
-        return {"z_plus": self._symbols.reset(mode, before, ends_step=ends_step)}
-
-    @compiled("zp")
-    def _reset_jacobian(self, mode: Mode, before: Mode, ends_step: bool) -> dict[str, SX]:
-        (z_plus,) = self._reset(mode, before, ends_step).call([self._symbols.z, self._symbols.p])
-        return {"z_plus_by_z": jacobian(z_plus, self._eom.z)}
 
     @property
     def mechanics_shapes(self) -> dict[str, tuple[int, ...]]:
@@ -443,15 +445,12 @@ class HybridSystem:
         """(z, p) -> height of every contact, its velocity (v_t, v_n), and a number that is positive if it may land."""
         return self._symbols.points()
 
-    def push(self, before: Mode) -> Function:
+    @compiled("zp", before=_touching_and_locked)
+    def push(self, before: Mode) -> dict[str, SX]:
         """(z, p) -> impulses (2, n) of the contacts that push off before another one lands, work [J], rates.
 
         The rates are those of (shape, x, y) just after the push.
         """
-        return self._push(_before_impact(before))
-
-    @compiled("zp")
-    def _push(self, before: Mode) -> dict[str, SX]:
         impulses, rates, work = self._symbols.push(before)
         return {"impulse": horzcat(SX(2, 0), *impulses.values()), "work": work, "rates": rates}
 
@@ -561,25 +560,6 @@ class HybridSystem:
         return self.friction.of(p[self._friction_entries])
 
 
-def _before_impact(before: Mode) -> Mode:
-    """The mode before an impact without what does not matter: contacts that touch, and locked stops, but no slip."""
-    contact = before.contact.with_states(dict.fromkeys(before.touching, Mode.STICK))
-    return Mode.of(contact, dict.fromkeys(before.locked, "locked"))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Definition:
-    """The key of a system; control laws are equal if their pickles are."""
-
-    walker: type[Walker]
-    law: ImpactLaw
-    friction: Friction | ContactFriction
-    cycle_end: str
-    uneven: bool
-    control_pickle: bytes
-    control: Control = field(compare=False)
-
-
 def _unpickled(
     walker: type[Walker],
     control: Control,
@@ -588,19 +568,10 @@ def _unpickled(
     cycle_end: str,
     uneven: bool,
 ) -> HybridSystem:
-    definition = _Definition(
-        walker=walker,
-        law=law,
-        friction=friction,
-        cycle_end=cycle_end,
-        uneven=uneven,
-        control_pickle=pickle.dumps(control),
-        control=control,
-    )
-    return _system(definition)
+    key = (walker, law, friction, cycle_end, uneven, pickle.dumps(control))  # laws are equal if their pickles are
+    return _system(key, Uncompared((walker, control, law, friction, cycle_end, uneven)))
 
 
 @built_once(maxsize=MOST_UNPICKLED)
-def _system(definition: _Definition) -> HybridSystem:
-    d = definition
-    return HybridSystem(d.walker, d.control, d.law, d.friction, d.cycle_end, d.uneven)
+def _system(key: tuple[object, ...], stated: Uncompared[tuple[Any, ...]]) -> HybridSystem:
+    return HybridSystem(*stated.value)

@@ -7,7 +7,7 @@ must be at least tan(slope).
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -44,6 +44,7 @@ from gaitopt.problem.schema import (
     state_section,
 )
 from gaitopt.problem.statement import ProblemStatement
+from gaitopt.threads import Uncompared
 
 LARGEST_TORQUE_JUMP = 1e-9
 """Relative difference of a continuous torque before and after a breakpoint: rounding, with a reserve."""
@@ -218,20 +219,13 @@ def _controlled_system(problem: ProblemStatement) -> HybridSystem:
     """The system of a problem whose law needs no other gait. Problems that differ in parameters alone share it."""
     law = problem.control.untimed
     structure = (problem.impact_law, problem.friction_law, problem.cycle_end, *law.structure)
-    return _controlled(_Controlled(key=(type(problem.walker), *structure), problem=problem))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Controlled:
-    """A problem with the key that determines the functions of its system; only the key is compared."""
-
-    key: tuple[object, ...]
-    problem: ProblemStatement = field(compare=False)
+    return _controlled((type(problem.walker), *structure), Uncompared(problem))
 
 
 @built_once(maxsize=16)
-def _controlled(stated: _Controlled) -> HybridSystem:
-    problem = stated.problem
+def _controlled(key: tuple[object, ...], stated: Uncompared[ProblemStatement]) -> HybridSystem:
+    """The system of a problem; ``key`` determines its functions."""
+    problem = stated.value
     law = problem.friction_law
     return HybridSystem(type(problem.walker), problem.control, problem.impact_law, law, problem.cycle_end)
 

@@ -6,7 +6,7 @@ stable gaits on the branch of the problem's gait, because most random walks fall
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from itertools import islice, pairwise
 from pathlib import Path
@@ -37,7 +37,7 @@ from gaitopt.simulation.engine import choose_engine
 from gaitopt.store.formats import json_file, validated
 from gaitopt.store.run import Run
 from gaitopt.systems import solve_sequence
-from gaitopt.threads import cached_property
+from gaitopt.threads import Uncompared, cached_property
 from gaitopt.verification.step_map import section_coordinates, step_map
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
 
@@ -221,7 +221,7 @@ def gaits_on_branch(
     ----------
     problem : the problem ``origin`` at the value.
     """
-    points = _branch(_Family(problem=origin, axis=axis, should_stop=should_stop))
+    points = _branch(origin, axis, Uncompared(should_stop))
     for before, after in pairwise(points):
         # a value exactly at a point counts once, for the section of the branch that ends there
         passed = (before.value - value) * (after.value - value) < 0 or after.value == value
@@ -233,33 +233,24 @@ def gaits_on_branch(
             yield gait
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Family:
-    """The key of a cached branch; ``should_stop`` is only used while the branch is computed."""
-
-    problem: Problem
-    axis: Axis
-    should_stop: Stop = field(compare=False)
-
-
 @lru_cache(maxsize=CACHED_BRANCHES)
-def _branch(along: _Family) -> tuple[BranchPoint, ...]:
+def _branch(problem: Problem, axis: Axis, stop: Uncompared[Stop]) -> tuple[BranchPoint, ...]:
     """The points of the branch; empty if the problem has no gait, or if the gait cannot be followed along the axis."""
-    problem, key, points = along.problem, along.axis.key, list[BranchPoint]()
+    key, points, should_stop = axis.key, list[BranchPoint](), stop.value
     value = problem.parameters[key]
     if problem.is_open or problem.is_design or isinstance(value, int):
         return ()
     try:
-        gait = solve(problem, should_stop=along.should_stop)
+        gait = solve(problem, should_stop=should_stop)
     except SolveError:  # the reference of its control law has no solution; the walks report it
         return ()
     if gait.converged:
-        for end in dict.fromkeys((along.axis.lower, along.axis.upper)):
+        for end in dict.fromkeys((axis.lower, axis.upper)):
             if end != value:
                 request = Request(parameter=key, to=(end,), max_points=MAX_POINTS, verify_every=0)
-                records = family(gait, request, along.should_stop)
+                records = family(gait, request, should_stop)
                 points += [record for record in records if isinstance(record, BranchPoint)]
-    if along.should_stop is not None and along.should_stop():
+    if should_stop is not None and should_stop():
         raise KeyboardInterrupt  # an incomplete branch must not enter the cache
     return tuple(points)
 

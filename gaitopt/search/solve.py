@@ -7,7 +7,6 @@ If continuous parameters of a file's problem were changed, its gait is followed 
 All other problems are solved from their guess.
 """
 
-from dataclasses import dataclass, field
 from functools import lru_cache
 
 from gaitopt.callbacks import Stop, Valued
@@ -21,6 +20,7 @@ from gaitopt.search.find import find_best
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.following import follow
 from gaitopt.systems import problem_dynamics, solve_sequence
+from gaitopt.threads import Uncompared
 
 CACHED_GAITS = 16
 """Number of gaits of files in the cache of a process; all points of a sweep follow the same one."""
@@ -70,23 +70,13 @@ def file_gait(
         If ``should_stop`` returned True during the solution.
     """
     file = problem.followed_from
-    gait = None if file is None else _solved(_File(problem=file, method=method, limits=limits, should_stop=should_stop))
+    gait = None if file is None else _solved(file, method, limits, Uncompared(should_stop))
     return gait if gait is not None and gait.converged else None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _File:
-    """The key of a cached gait of a file; ``should_stop`` is only used while it is solved."""
-
-    problem: Problem
-    method: Method
-    limits: SearchLimits
-    should_stop: Stop = field(compare=False)
-
-
 @lru_cache(maxsize=CACHED_GAITS)
-def _solved(file: _File) -> Gait:
-    gait = solve_sequence(file.problem, method=file.method, limits=file.limits, should_stop=file.should_stop)
+def _solved(file: Problem, method: Method, limits: SearchLimits, should_stop: Uncompared[Stop]) -> Gait:
+    gait = solve_sequence(file, method=method, limits=limits, should_stop=should_stop.value)
     if gait.status is Status.INTERRUPTED:
         raise KeyboardInterrupt  # an interrupted solve must not enter the cache
     return gait

@@ -8,7 +8,7 @@ has as many rows as x; with some, it is the smoothed problem of ``gaitopt.design
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pickle import PicklingError
 from typing import Any, Self
 
@@ -31,7 +31,7 @@ from gaitopt.solver.diagnosis import largest_residual, rejection_reason, status_
 from gaitopt.solver.ipopt import TOLERANCE, Block, Ipopt, Program
 from gaitopt.solver.newton import Solution, polish, refine
 from gaitopt.solver.shooting import Label, MultipleShooting
-from gaitopt.threads import cached_property
+from gaitopt.threads import Uncompared, cached_property
 
 SHORTEST_PERIOD_FOUND = 0.1
 """Shortest period of a gait relative to the guess. If both feet stay together, a period of zero solves all
@@ -357,27 +357,15 @@ def solved(
     should_stop: Stop = None,
 ) -> Solution:
     """The end of IPOPT with a program of ``feasibility``, after at most ``iterations`` iterations."""
-    key = _Compiled(equations=program.equations, n_rows=program.g.numel(), iterations=iterations, program=program)
-    end = _ipopt(key).solve(program, progress=progress, should_stop=should_stop)
+    compiled = _ipopt(program.equations, program.g.numel(), iterations, Uncompared(program))
+    end = compiled.solve(program, progress=progress, should_stop=should_stop)
     return Solution(program.equations, end.w, program.p0, status=end.status, words=end.words, iterations=end.iterations)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Compiled:
-    """What determines the compiled solver: ``equations``, and ``n_rows`` (with or without the margins).
-
-    The first ``program`` with these is compiled.
-    """
-
-    equations: MultipleShooting
-    n_rows: int
-    iterations: int
-    program: ShootingProgram = field(compare=False)
-
-
 @built_once(maxsize=16)
-def _ipopt(key: _Compiled) -> Ipopt:
-    return Ipopt(key.program, options={"tol": TOLERANCE, "max_iter": key.iterations})
+def _ipopt(equations: MultipleShooting, n_rows: int, iterations: int, program: Uncompared[ShootingProgram]) -> Ipopt:
+    """The compiled solver of the first program with these equations and rows, with or without the margins."""
+    return Ipopt(program.value, options={"tol": TOLERANCE, "max_iter": iterations})
 
 
 def checked_gait(problem: Problem, solution: Solution, solver: Mapping[str, float | str]) -> Gait:
