@@ -234,11 +234,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "model spaced": (CompassBiped, {"model": "a b"}, "model is 'a b'"),
     "model empty": (CompassBiped, {"model": ""}, "model is ''"),
     "model annotated": (CompassBiped, fields(shape=(tuple, ("theta1", "theta2"))), "shape has an annotation of a type"),
-    "largest angle negative": (
-        CompassBiped,
-        {"largest_angle": -1},
-        "largest_angle is -1, but must be a number above 0",
-    ),
+    "largest angle negative": (CompassBiped, {"largest_angle": -1}, "largest_angle is -1, but must be a number above"),
     "largest angle zero": (CompassBiped, {"largest_angle": 0}, "largest_angle is 0,"),
     "largest angle nan": (CompassBiped, {"largest_angle": NAN}, "largest_angle is nan,"),
     "largest angle large": (CompassBiped, {"largest_angle": 4.0}, "at most pi"),
@@ -265,11 +261,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "coordinates": (CompassBiped, {"coordinates": returning(None)}, "coordinates must not be overridden"),
     "exchanged list": (UnequalCompass, {"exchanged": ["leg_mass"]}, "exchanged is ['leg_mass'], but must be a mapping"),
     "exchanged unknown": (UnequalCompass, {"exchanged": {"leg_mass": "arm"}}, "exchanged names arm"),
-    "exchanged with itself": (
-        UnequalCompass,
-        {"exchanged": {"leg_mass": "leg_mass"}},
-        "exchanged names leg_mass twice",
-    ),
+    "exchanged with itself": (UnequalCompass, {"exchanged": {"leg_mass": "leg_mass"}}, "exchanged names leg_mass"),
     "exchanged numbers": (UnequalCompass, {"exchanged": {1: 2}}, "exchanged is {1: 2}"),
     "field text": (CompassBiped, fields(name=(str, "a")), "the parameter name is of type str"),
     "field list": (CompassBiped, fields(numbers=(list[float], [1.0])), "the parameter numbers is of type"),
@@ -294,6 +286,11 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "not frozen": (CompassBiped, {"model_config": {"frozen": False}}, "model_config must keep"),
     "validator exits": (CompassBiped, raising_validator(), "reading its parameters raises SystemExit: 7"),
     "validator fails": (CompassBiped, bad_model_validator(), "reading its parameters raises AttributeError"),
+    "body adrift": (
+        CompassBiped,
+        with_parts(CompassBiped, bodies=body_with(position=vertcat(1, 1))),
+        "body 0 does not move along with the stance foot",
+    ),
     "bodies none": (CompassBiped, with_parts(CompassBiped, bodies=None), "Mechanism.bodies is None"),
     "bodies empty": (CompassBiped, with_parts(CompassBiped, bodies=()), "Mechanism.bodies is empty"),
     "bodies of numbers": (CompassBiped, with_parts(CompassBiped, bodies=(1, 2)), "must be a tuple of Body(...)"),
@@ -356,11 +353,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
         "Mechanism.potential must be a function of the shape",
     ),
     "guard of the place": (CompassBiped, with_parts(CompassBiped, touchdown=lambda m, q, p: q.x - 1), "but not of x"),
-    "guard constant": (
-        CompassBiped,
-        with_parts(CompassBiped, touchdown=0.0),
-        "Mechanism.touchdown must depend on the shape coordinates",
-    ),
+    "guard constant": (CompassBiped, with_parts(CompassBiped, touchdown=0.0), "Mechanism.touchdown must depend on"),
     "upright nan somewhere": (
         CompassBiped,
         with_parts(CompassBiped, upright=undefined_beyond),
@@ -376,11 +369,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
         with_parts(CompassBiped, upright=lambda m, q, p: 1 + sqrt(fabs(q.theta1 - q.theta2))),
         "the derivative of Mechanism.upright is",
     ),
-    "no gravity": (
-        CompassBiped,
-        with_parts(CompassBiped, gravity=DM([0, 0])),
-        "its length, mass or gravity is zero",
-    ),
+    "no gravity": (CompassBiped, with_parts(CompassBiped, gravity=DM([0, 0])), "its length, mass or gravity is zero"),
     "after impact nan somewhere": (
         CompassBiped,
         {"after_impact": classmethod(lambda cls, free, p: (free.theta1, if_else(free.theta1 > 0.2, NAN, free.theta1)))},
@@ -396,11 +385,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
         {"outline": classmethod(lambda cls, q, p: ((vertcat(q.x, q.y),),))},
         "at least two points",
     ),
-    "outline of 3-vectors": (
-        CompassBiped,
-        {"outline": returning(((SX(3, 1), SX(3, 1)),))},
-        "outline, line 0, point 0 has shape (3, 1)",
-    ),
+    "outline of 3-vectors": (CompassBiped, {"outline": returning(((SX(3, 1), SX(3, 1)),))}, "outline, line 0, point"),
     "contact nan": (CompassBiped, {"contact": returning(SX([NAN, 0]))}, "contact is nan"),
 }
 

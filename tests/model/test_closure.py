@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pytest
-from casadi import SX, cos, pi, sin, vertcat
+from casadi import cos, pi, vertcat
 from named import named
 from oracles import TorsoCompass
 from pydantic import Field
@@ -15,12 +15,12 @@ from pydantic import Field
 import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.model.checks import check_walker, section_posture
-from gaitopt.model.mechanism import Body, Mechanism
+from gaitopt.model.mechanism import Mechanism
 from gaitopt.model.units import NonNegative, Positive, Slope
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rabbit import Rabbit
-from gaitopt.problem.problem import load_problem, parse_problem
+from gaitopt.problem.problem import parse_problem
 from gaitopt.problem.statement import problem_data
 
 
@@ -161,81 +161,3 @@ def test_a_guess_with_legs_that_do_not_close_is_refused_with_its_place() -> None
     assert problem.guess.state["swing_shin"] == pytest.approx(0.3677472, abs=1e-6)
     with pytest.raises(ProblemError, match=r"problem:5:\d+ gait.guess.state: .*no swing_shin puts both feet on the gr"):
         parse_problem(RABBIT % "1.2", walkers=[Rabbit])
-
-
-class RelativeRabbit(Walker):
-    """RABBIT in the relative angles of its joints: its author states a posture and the touchdown, and no closure."""
-
-    model = "relative_rabbit"
-    shape = ("torso", "hip1", "knee1", "hip2", "knee2")
-    posture = {"torso": 0.05, "hip1": -0.4, "knee1": 0.2, "hip2": 0.05, "knee2": 0.3}  # noqa: RUF012 - as above
-    actuators = ("stance_hip", "stance_knee", "swing_hip", "swing_knee")
-    phases = ("stance_leg",)
-    tracked = actuators
-
-    gravity: Positive = 9.81
-
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """Five bodies, placed from the stance foot up and down again."""
-
-        def lean(angle: SX, length: float) -> SX:
-            return length * vertcat(sin(angle), cos(angle))
-
-        thigh1, thigh2 = q.torso + q.hip1, q.torso + q.hip2
-        shin1, shin2 = thigh1 + q.knee1, thigh2 + q.knee2
-        knee1 = vertcat(q.x, q.y) + lean(shin1, 0.4)
-        hip = knee1 + lean(thigh1, 0.4)
-        knee2 = hip - lean(thigh2, 0.4)
-        swing_foot = knee2 - lean(shin2, 0.4)
-        return Mechanism(
-            bodies=(
-                Body(mass=12.0, position=hip + lean(q.torso, 0.24), inertia=1.33, angle=q.torso),
-                Body(mass=6.8, position=hip - lean(thigh1, 0.11), inertia=0.47, angle=thigh1),
-                Body(mass=6.8, position=hip - lean(thigh2, 0.11), inertia=0.47, angle=thigh2),
-                Body(mass=3.2, position=knee1 - lean(shin1, 0.24), inertia=0.2, angle=shin1),
-                Body(mass=3.2, position=knee2 - lean(shin2, 0.24), inertia=0.2, angle=shin2),
-            ),
-            gravity=p.gravity * vertcat(0, -1),
-            swing_foot=swing_foot,
-            touchdown=-swing_foot[1],
-            upright=cos(q.torso) * (hip[1] - q.y),
-            relabel=vertcat(q.torso, q.hip2, q.knee2, q.hip1, q.knee1),
-            phases={"stance_leg": (thigh1 + shin1) / 2},
-            motors=(q.hip1 + pi, q.knee1, q.hip2 + pi, q.knee2),
-        )
-
-
-@pytest.mark.slow
-def test_a_robot_whose_author_states_no_closure_and_no_section_walks_as_rabbit() -> None:
-    """In other coordinates, with another section, whose multipliers are the same."""
-    gait = named("rabbit-hzd")
-    assert RelativeRabbit.section != Rabbit.section
-    assert len(RelativeRabbit.section) == 4
-    state = dict(zip(gait.system.state_names, gait.state.tolist(), strict=True))
-    relative = dict[str, float]()
-    for d in ("", "d"):
-        torso = state[f"{d}torso"]
-        relative[f"{d}torso"] = torso
-        for k, leg in enumerate(("stance", "swing"), start=1):
-            thigh, shin = state[f"{d}{leg}_thigh"], state[f"{d}{leg}_shin"]
-            relative |= {f"{d}hip{k}": thigh - torso, f"{d}knee{k}": shin - thigh}
-    data: dict[str, Any] = problem_data(gait.problem)
-    data["walker"] = {"model": RelativeRabbit.model}
-    names = RelativeRabbit.section_names(slipping=False)
-    data["gait"]["guess"] = {"state": {name: round(relative[name], 4) for name in names}}
-    found = go.solve(parse_problem(json.dumps(data), walkers=[RelativeRabbit]), progress=False)
-    assert found.converged, found.message
-    at = dict(zip(found.system.state_names, found.state.tolist(), strict=True))
-    assert [at[name] for name in relative] == pytest.approx([*relative.values()], abs=1e-9)
-    np.testing.assert_allclose(np.sort_complex(found.multipliers), np.sort_complex(gait.multipliers), atol=1e-9)
-    assert go.verify(found).passed
-
-
-@pytest.mark.slow
-def test_its_optimal_gait_is_found_from_a_step_length_and_a_duration() -> None:
-    data: dict[str, Any] = problem_data(load_problem("rabbit-optimal"))
-    data["walker"] = {"model": RelativeRabbit.model}
-    found = go.solve(parse_problem(json.dumps(data), walkers=[RelativeRabbit]), progress=False)
-    assert found.converged, found.message
-    assert found.scalar("torque_squared") == pytest.approx(named("rabbit-optimal").scalar("torque_squared"), rel=1e-8)

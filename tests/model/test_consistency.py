@@ -1,5 +1,6 @@
 """Walkers that are not the same body before and after a swap of the feet are refused when they are loaded."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -15,150 +16,90 @@ from gaitopt.model.mechanism import polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
+Changes = Callable[[Mechanism, SimpleNamespace, SimpleNamespace], dict[str, Any]]
 
-class Altered(CompassBiped):
+
+def altered(name: str, changes: Changes) -> type[Walker]:
     """A compass with something else in its mechanism."""
 
-    @classmethod
-    def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-        return {}
+    def mechanism(cls: type[Walker], q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        compass = CompassBiped.mechanism(q, p)
+        return replace(compass, **changes(compass, q, p))
 
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        compass = super().mechanism(q, p)
-        return replace(compass, **cls.changes(q, p, compass))
+    return type(
+        "Altered", (CompassBiped,), {"__module__": __name__, "model": name, "mechanism": classmethod(mechanism)}
+    )
 
 
-class UnequalDistances(Altered):
+def bodies(change: Callable[..., tuple[Body, ...]]) -> Changes:
+    """Other bodies, from the stance leg, the hip, the swing leg and the parameters."""
+    return lambda m, q, p: {"bodies": change(*m.bodies, q, p)}
+
+
+def starting(name: str, posture: Callable[[SimpleNamespace], tuple[Any, ...]]) -> type[Walker]:
+    """A compass with another posture after an impact."""
+    attributes = {"model": name, "after_impact": classmethod(lambda cls, free, p: posture(free))}
+    return type("Altered", (CompassBiped,), {"__module__": __name__, **attributes})
+
+
+def unequal_distances(stance: Body, hip: Body, swing: Body, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Body, ...]:
     """The mass of one leg is at 0.3 m from the hip, that of the other at 0.5 m."""
-
-    model = "unequal_distances"
-
-    @classmethod
-    def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-        hip = compass.bodies[1].position
-        stance = Body(mass=p.leg_mass, position=hip - polar(0.3, q.theta1))
-        swing = Body(mass=p.leg_mass, position=hip - polar(0.5, -q.theta2))
-        return {"bodies": (stance, compass.bodies[1], swing)}
+    places = hip.position - polar(0.3, q.theta1), hip.position - polar(0.5, -q.theta2)
+    return Body(mass=p.leg_mass, position=places[0]), hip, Body(mass=p.leg_mass, position=places[1])
 
 
-class UnequalMasses(Altered):
-    model = "unequal_masses"
-
-    @classmethod
-    def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-        stance, hip, swing = compass.bodies
-        return {"bodies": (replace(stance, mass=1.001 * p.leg_mass), hip, swing)}
+def heavier(stance: Body, hip: Body, swing: Body, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Body, ...]:
+    return replace(stance, mass=1.001 * p.leg_mass), hip, swing
 
 
-class SpinningLeg(Altered):
+def spinning(stance: Body, hip: Body, swing: Body, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Body, ...]:
     """Only one leg is a rigid body."""
-
-    model = "spinning_leg"
-
-    @classmethod
-    def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-        stance, hip, swing = compass.bodies
-        return {"bodies": (replace(stance, inertia=0.1 * p.leg_mass, angle=q.theta1), hip, swing)}
+    return replace(stance, inertia=0.1 * p.leg_mass, angle=q.theta1), hip, swing
 
 
-class WrongRelabel(Altered):
-    model = "wrong_relabel"
-
-    @classmethod
-    def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-        return {"relabel": vertcat(q.theta2, q.theta1)}
-
-
-class RightAtTouchdownOnly(Altered):
-    """The angles are right where the legs have the same one, their rates are not."""
-
-    model = "right_at_touchdown_only"
-
-    @classmethod
-    def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-        return {"relabel": vertcat(-q.theta1, -q.theta2)}
-
-
-class Forgetful(Altered):
-    model = "forgetful"
-
-    @classmethod
-    def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-        return {"relabel": vertcat(-q.theta2, -q.theta2)}
-
-
-class SpringOnOneLeg(Altered):
-    model = "spring_on_one_leg"
-
-    @classmethod
-    def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-        return {"potential": 10 * (q.theta1 - 0.1) ** 2}
-
-
-class HighFoot(Altered):
-    model = "high_foot"
-
-    @classmethod
-    def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-        return {"swing_foot": compass.swing_foot + SX([0, 0.01])}
+REFUSED = [
+    (altered("distances", bodies(unequal_distances)), "its masses jump when the feet swap roles: the body of 4 kg at"),
+    (altered("masses", bodies(heavier)), "its masses jump when the feet swap roles: the body of 4.* kg at"),
+    (altered("spins", bodies(spinning)), "its masses jump"),
+    (
+        altered("wrong_relabel", lambda m, q, p: {"relabel": vertcat(q.theta2, q.theta1)}),
+        "relabel must describe the same posture",
+    ),
+    (  # the angles are right where the legs have the same one, their rates are not
+        altered("right_at_touchdown_only", lambda m, q, p: {"relabel": vertcat(-q.theta1, -q.theta2)}),
+        "or does not move so",
+    ),
+    (
+        altered("forgetful", lambda m, q, p: {"relabel": vertcat(-q.theta2, -q.theta2)}),
+        "relabel cannot be inverted",
+    ),
+    (
+        starting("wrong_start", lambda free: (free.theta1, -free.theta1)),
+        "after_impact and touchdown contradict each other: a step would begin in the posture theta1 = ",
+    ),
+    (starting("short_start", lambda free: (free.theta1,)), "after_impact gives 1 coordinates, but shape has 2"),
+    (
+        altered("spring_on_one_leg", lambda m, q, p: {"potential": 10 * (q.theta1 - 0.1) ** 2}),
+        "its potential energy jumps from .*: springs must be the same",
+    ),
+    (
+        altered("high_foot", lambda m, q, p: {"swing_foot": m.swing_foot + SX([0, 0.01])}),
+        "the swing foot is 0.01 m above the ground where touchdown is zero",
+    ),
+    (altered("massless", lambda m, q, p: {"bodies": m.bodies[1:2]}), "nothing has inertia against theta2"),
+    (
+        altered("negative_mass", bodies(lambda a, hip, b, q, p: (a, replace(hip, mass=-p.hip_mass), b))),
+        "a body has a mass or inertia that is negative",
+    ),
+]
 
 
-class Massless(Altered):
-    model = "massless"
-
-    @classmethod
-    def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-        return {"bodies": compass.bodies[1:2]}
-
-
-class WrongStart(CompassBiped):
-    model = "wrong_start"
-
-    @classmethod
-    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        return (free.theta1, -free.theta1)
-
-
-class ShortStart(CompassBiped):
-    model = "short_start"
-
-    @classmethod
-    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        return (free.theta1,)
-
-
-class NegativeMass(Altered):
-    model = "negative_mass"
-
-    @classmethod
-    def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-        stance, hip, swing = compass.bodies
-        return {"bodies": (stance, replace(hip, mass=-p.hip_mass), swing)}
-
-
-@pytest.mark.parametrize(
-    ("walker", "words"),
-    [
-        (UnequalDistances, "its masses jump when the feet swap roles: the body of 4 kg at"),
-        (UnequalMasses, "its masses jump when the feet swap roles: the body of 4.* kg at"),
-        (SpinningLeg, "its masses jump"),
-        (WrongRelabel, "relabel must describe the same posture"),
-        (RightAtTouchdownOnly, "or does not move so"),
-        (Forgetful, "relabel cannot be inverted"),
-        (WrongStart, "after_impact and touchdown contradict each other: a step would begin in the posture theta1 = "),
-        (ShortStart, "after_impact gives 1 coordinates, but shape has 2"),
-        (SpringOnOneLeg, "its potential energy jumps from .*: springs must be the same"),
-        (HighFoot, "the swing foot is 0.01 m above the ground where touchdown is zero"),
-        (Massless, "nothing has inertia against theta2"),
-        (NegativeMass, "a body has a mass or inertia that is negative"),
-    ],
-)
+@pytest.mark.parametrize(("walker", "words"), REFUSED, ids=[walker.model for walker, _ in REFUSED])
 def test_walker_that_is_not_the_same_after_the_swap_of_the_feet_is_refused(walker: type[Walker], words: str) -> None:
-    with pytest.raises(ProblemError, match=f"^{walker.__name__}: .*{words}"):
+    with pytest.raises(ProblemError, match=f"^Altered: .*{words}"):
         check_walker(walker, COMPASS)
     text = (go.load_problem("compass-passive-a").text or "").replace("compass_biped", walker.model)
-    with pytest.raises(ProblemError, match=rf"^problem:\d+:\d+ walker: {walker.__name__}: .*{words}") as caught:
+    with pytest.raises(ProblemError, match=rf"^problem:\d+:\d+ walker: Altered: .*{words}") as caught:
         parse_problem(text, walkers=(walker,))
     assert caught.value.exit_code == 3
 
@@ -182,17 +123,11 @@ def test_walkers_of_any_proportions_and_units_pass(walker: type[Walker], numbers
 
 
 def test_both_legs_may_be_rigid_bodies_with_angles_of_either_sign() -> None:
-    class Rigid(Altered):
-        @classmethod
-        def changes(cls, q: SimpleNamespace, p: SimpleNamespace, compass: Mechanism) -> dict[str, Any]:
-            stance, hip, swing = compass.bodies
-            legs = [
-                replace(body, inertia=0.1 * p.leg_mass, angle=angle)
-                for body, angle in ((stance, q.theta1), (swing, q.theta2))
-            ]
-            return {"bodies": (legs[0], hip, legs[1])}
+    def rigid(stance: Body, hip: Body, swing: Body, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Body, ...]:
+        inertia = 0.1 * p.leg_mass
+        return replace(stance, inertia=inertia, angle=q.theta1), hip, replace(swing, inertia=inertia, angle=q.theta2)
 
-    check_walker(Rigid, COMPASS)
+    check_walker(altered("rigid", bodies(rigid)), COMPASS)
 
 
 def test_examples_of_the_documentation_load() -> None:

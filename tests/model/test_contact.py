@@ -12,11 +12,9 @@ from oracles import (
     WHEEL,
     Case,
     compass_oracle,
-    cross,
     directional,
     numbers,
 )
-from scipy.integrate import solve_ivp
 
 from gaitopt import Walker
 from gaitopt.model.control import ConstantTorque
@@ -86,38 +84,6 @@ def test_named_contacts_have_the_forces_and_impulses_of_equations_2_to_11(
         np.testing.assert_allclose(z_plus[[n + k for k in names]], dq_plus, rtol=1e-9, atol=1e-10)
 
 
-@pytest.mark.parametrize("mode", SLIPS)
-def test_slipping_force_opposes_the_slip_by_mu_times_the_normal_force(case: Case, mode: Mode) -> None:
-    for z in case.states():
-        _, (f_t, f_n) = flow_and_force(case, mode, state_for(mode, z))
-        assert f_t == pytest.approx(-FRICTION * mode.direction * f_n, rel=1e-9)
-
-
-def test_sticking_foot_stays_where_it_is(case: Case) -> None:
-    for z in case.states():
-        dz, _ = flow_and_force(case, Mode.STICK, state_for(Mode.STICK, z))
-        assert dz[case.n] == 0
-        assert dz[-1] == 0
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_forces_are_what_the_masses_need(case: Case, mode: Mode) -> None:
-    """Newton and Euler on the bodies as a whole: sum m (a - g) = f, and no moment about the stance foot."""
-    for z in case.states():
-        z = state_for(mode, z)
-        dz, force = flow_and_force(case, mode, z)
-        q, _ = case.coordinates(z)
-        needed, moment = np.zeros(2), 0.0
-        for body in case.oracle.masses:
-            a = directional(lambda z, body=body: body.point.velocity(*case.coordinates(z)), z, dz)
-            inertial = body.mass * (a - case.oracle.gravity)
-            needed += inertial
-            spin = dz[case.n + 1 + body.turns_with]
-            moment += body.inertia * spin - cross(body.point.position(q) - q[-2:], inertial)
-        np.testing.assert_allclose(force, needed, rtol=1e-8, atol=1e-8)
-        assert moment == pytest.approx(0, abs=1e-7)
-
-
 def test_wheel_forces_in_stick_are_equations_17_and_18() -> None:
     case = CASES["rimless_wheel"]
     m, R, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
@@ -151,28 +117,6 @@ def test_wheel_slips_as_in_equation_20(mode: Mode) -> None:
         assert dz[3] == pytest.approx(slip / (m * (s**2 + kappa)), rel=1e-10)
 
 
-def test_wheel_rolls_by_the_energy_integral_of_equation_14() -> None:
-    wheel = RimlessWheel(spokes=10, radius=1.0, mass=1.0, inertia_ratio=1 / 3, gravity=1.0, slope=np.radians(13))
-    case = Case(wheel, CASES["rimless_wheel"].oracle)
-    time_unit = np.sqrt(1 + wheel.inertia_ratio)  # eq. (13) counts time in sqrt((1 + kappa) R / g)
-    start = np.array([-np.pi / 10, 0.0, 0.8, 0.0])
-    solution = solve_ivp(
-        lambda t, z: flow_and_force(case, Mode.STICK, z)[0], (0, 0.7), start, rtol=1e-12, atol=1e-12, method="DOP853"
-    )
-    theta, rate = solution.y[0], solution.y[2] * time_unit
-    squared = (0.8 * time_unit) ** 2 + 2 * np.cos(wheel.slope - np.pi / 10) - 2 * np.cos(wheel.slope + theta)
-    np.testing.assert_allclose(rate**2, squared, rtol=1e-10)
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_energy_changes_by_the_work_of_friction_alone(case: Case, mode: Mode) -> None:
-    for z in case.states():
-        z = state_for(mode, z)
-        dz, force = flow_and_force(case, mode, z)
-        rate = directional(lambda z: case.oracle.energy(*case.coordinates(z)), z, dz)
-        assert rate == pytest.approx(force[0] * z[-1], rel=1e-8, abs=1e-7)
-
-
 @pytest.mark.parametrize("mode", MODES)
 def test_energy_changes_by_the_work_of_motors_and_friction(mode: Mode) -> None:
     case, torque = CASES["compass_biped"], np.array([1.3, -0.7])
@@ -191,15 +135,6 @@ def test_energy_changes_by_the_work_of_motors_and_friction(mode: Mode) -> None:
         assert rate == pytest.approx(power.sum() + force[0] * dq[2], rel=1e-8, abs=1e-7)
         np.testing.assert_allclose(foot, case.oracle.swing_foot.position(q), atol=1e-14)
         assert energy == pytest.approx(case.oracle.energy(q, dq), rel=1e-13)
-
-
-def test_energy_is_conserved_in_passive_stick(case: Case) -> None:
-    start = state_for(Mode.STICK, case.states(1)[0])
-    solution = solve_ivp(
-        lambda t, z: flow_and_force(case, Mode.STICK, z)[0], (0, 0.8), start, rtol=1e-12, atol=1e-12, method="DOP853"
-    )
-    energies = [case.oracle.energy(*case.coordinates(z)) for z in solution.y.T]
-    np.testing.assert_allclose(energies, energies[0], rtol=1e-10)
 
 
 @pytest.mark.parametrize("mode", SLIPS)

@@ -215,10 +215,7 @@ def test_a_jump_at_a_breakpoint_must_be_declared() -> None:
         ({"data": lambda self, segment: np.zeros(segment)}, "0 or 1 numbers, but must have the same length in every"),
         ({"data": lambda self, segment: np.array([np.nan])}, "but must be a row of finite numbers"),
         ({"data": lambda self, segment: np.array([self.step])}, "data depends on a parameter"),
-        (
-            {"breakpoints": property(lambda self: tuple(np.linspace(0.1, 1, 10_000)))},
-            "Clock: 10,000 breakpoints divide the motion into as many parts; use at most 60",
-        ),
+        ({"breakpoints": property(lambda self: tuple(np.linspace(0.1, 1, 10_000)))}, "Clock: 10,000 breakpoints"),
     ],
 )
 def test_wrong_clocks_are_named(attributes: dict[str, Any], words: str) -> None:

@@ -40,19 +40,6 @@ def test_curve_and_rates_are_those_that_were_put_in(pieces: list[Piece]) -> None
     np.testing.assert_allclose(rates, exact(t)[1], atol=1e-12)  # the derivative of the series
 
 
-def test_hold_keeps_the_last_angle_with_zero_rate(pieces: list[Piece]) -> None:
-    angles, rates = continued(NAMES, pieces, END, BeyondEnd.HOLD)([END + 0.1, END + 2])
-    np.testing.assert_allclose(angles, np.column_stack([exact(END)[0]] * 2), atol=1e-13)
-    np.testing.assert_array_equal(rates, 0)
-
-
-def test_linear_keeps_the_last_rate(pieces: list[Piece]) -> None:
-    angles, rates = continued(NAMES, pieces, END, BeyondEnd.LINEAR)([END + 0.1, END + 2])
-    last_angle, last_rate = exact(END)
-    np.testing.assert_allclose(rates, np.column_stack([last_rate] * 2), atol=1e-12)
-    np.testing.assert_allclose(angles, np.column_stack([last_angle + dt * last_rate for dt in (0.1, 2)]), atol=1e-12)
-
-
 def test_only_off_ceases_to_act(pieces: list[Piece]) -> None:
     for beyond_end in (BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF):
         active = [piece.active for piece in continued(NAMES, pieces, END, beyond_end).pieces]

@@ -139,16 +139,6 @@ def test_gaits_are_continued_in_their_damping(name, key, to):
         assert ends[0].spectral_radius == pytest.approx(0.7664, abs=5e-5)
 
 
-@pytest.mark.slow
-def test_torso_slips_where_friction_is_short():
-    branch = go.continuation(named("torso-passive"), "friction", 0.22)
-    (change, *_) = branch.special("mode_change")
-    assert change.value == pytest.approx(named("torso-passive").measures["required_friction"], abs=1e-8)
-    gait = min((point.gait for point in branch.points), key=lambda gait: gait.p[-1])
-    assert any(mode.slips for mode, _ in gait.phases)
-    assert go.verify(gait).passed
-
-
 def test_a_damper_that_drives_is_refused():
     class Driven(TorsoWalker):
         @classmethod

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from casadi import Function, densify, vertcat
-from foot_impacts import foot_impact
 
 from gaitopt import Mode, Walker
 from gaitopt.model.contacts import LOCKED, NORMAL, TANGENTIAL, constraint_structure
@@ -16,7 +15,6 @@ from gaitopt.model.walkers.flat_foot import FlatFoot
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.model.walkers.kneed import KneedWalker
-from gaitopt.model.walkers.rabbit import Rabbit
 from gaitopt.model.walkers.slip_walker import SlipWalker
 from gaitopt.model.walkers.torso import TorsoWalker
 
@@ -73,24 +71,6 @@ def test_the_motion_of_every_mode_satisfies_newtons_law_and_its_constraints(walk
                 assert (name, kind) not in kept or abs(acceleration[kind]) < 1e-9 * size
             if mode.directions[name]:
                 assert f_t == pytest.approx(-mode.directions[name] * FRICTION * f_n, rel=1e-12, abs=1e-9 * size)
-
-
-@pytest.mark.parametrize("walker", [CompassBiped, TorsoWalker, Rabbit], ids=lambda walker: walker.model)
-@pytest.mark.parametrize("law", ImpactLaw)
-def test_the_last_pivot_of_a_slipping_impact_is_the_apparent_mass_of_the_foot(
-    walker: type[Walker], law: ImpactLaw
-) -> None:
-    """C_tt + mu s C_nt with C = (W M^-1 W')^-1."""
-    system, rng = passive(walker, law), np.random.default_rng(1)
-    eom = system.expressions.eom
-    evaluated = Function("parts", [eom.z, eom.p], [densify(eom.M), densify(eom.W_swing)])
-    for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD):
-        p, z = rng.uniform(0.5, 1.5, len(walker.model_fields)), rng.uniform(-0.3, 0.3, system.n_z)
-        M, W = (np.asarray(value) for value in evaluated(z, p))
-        C = np.linalg.inv(W @ np.linalg.solve(M, W.T))
-        mu = FRICTION if law is ImpactLaw.COULOMB else 0.0
-        painleve = np.asarray(foot_impact(system, mode)(z, [*p, FRICTION])[4]).item()
-        assert painleve == pytest.approx(C[0, 0] + mu * mode.direction * C[1, 0], rel=1e-9)
 
 
 def test_a_locked_stop_is_a_constraint_of_its_mode() -> None:

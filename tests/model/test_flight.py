@@ -13,11 +13,9 @@ from scipy.integrate import solve_ivp
 import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.gait.measures import observe
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.walkers.slip_runner import SlipRunner
 from gaitopt.problem.statement import problem_data
-from gaitopt.simulation.simulator import Simulator, stepper_class
 from tests.named import named, verification
 
 Array = NDArray[np.float64]
@@ -168,51 +166,10 @@ def test_a_runner_whose_foot_sticks_moves_as_in_cartesian_equations() -> None:
     assert _by_hand(gait) == pytest.approx(section, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("name", "spread"),
-    [("hopper", 0.3), pytest.param("slip-run", 0.1, marks=pytest.mark.slow), ("slip-run-foot", 0.05)],
-)
-def test_engines_agree_on_steps_with_flight(name: str, spread: float) -> None:
-    pytest.importorskip("heyoka")
-    from gaitopt.simulation.heyoka_batch import BatchSimulator
-    from gaitopt.simulation.outcomes import ENDINGS
-
-    gait = named(name)
-    system, p = gait.system, gait.p
-    xi, rng = gait.state[system.section(gait.problem.cycle.impact).indices], np.random.default_rng(0)
-    states = np.array([Dynamics(system, p).lift(xi * (1 + spread * rng.uniform(-1, 1, xi.size))) for _ in range(20)])
-    scipy, heyoka = (Simulator(Dynamics(system, p), stepper_class(engine)) for engine in ("scipy", "heyoka"))
-    batch = BatchSimulator(Dynamics(system, p)).step(states)
-    completed = 0
-    for k, state in enumerate(states):
-        ours, theirs = scipy.step(state), heyoka.step(state)
-        assert ours.ending == theirs.ending == ENDINGS[batch.endings[k]]
-        if ours.step is not None and ours.step.impact is not None:
-            completed += 1
-            assert [mode for mode, _ in ours.step.phases] == [mode for mode, _ in theirs.step.phases]
-            for other in (theirs.step.impact.state, batch.states[k]):
-                assert other == pytest.approx(ours.step.impact.state, abs=1e-10)
-    assert completed >= 10
-
-
 def test_energy_of_a_runner_on_massless_legs_is_what_it_states() -> None:
     gait = named("slip-run")
     energies = np.concatenate([observe(arc).energy for arc in gait.arcs])
     assert energies[: len(gait.arcs[0].times)] == pytest.approx(1.7, abs=1e-10)
-
-
-@pytest.mark.slow
-def test_the_impact_of_a_runner_slides_where_its_ratio_of_impulses_is_the_friction() -> None:
-    branch = go.continuation(named("slip-run-foot"), "friction", 0.62)
-    change, end = branch.specials
-    assert (change.type, end.value) == ("impact_change", 0.62)
-    sticking, sliding = ([point for point in branch.points if point.branch == number] for number in (0, 1))
-    ratio = [point.gait.measures["impulse_ratio"] for point in sticking[-2:]]
-    values = [point.value for point in sticking[-2:]]
-    slope = (ratio[1] - ratio[0]) / (values[1] - values[0])
-    assert values[1] + (ratio[1] - values[1]) / (1 - slope) == pytest.approx(change.value, abs=1e-5)
-    assert go.verify(sliding[-1].gait).passed
-    assert sliding[-1].gait.state[-1] > 0
 
 
 def test_less_friction_lets_the_foot_of_a_runner_slide_at_landing_and_then_before_take_off() -> None:
@@ -225,15 +182,6 @@ def test_less_friction_lets_the_foot_of_a_runner_slide_at_landing_and_then_befor
     assert take_off.value == pytest.approx(1.50704296, abs=1e-8)
     assert branch.points[-1].gait.phases[0][0] == "slip_backward, leg free"
     assert branch.points[-1].gait.phases[2][0] == "slip_forward, leg free"
-
-
-@pytest.mark.slow
-def test_a_family_over_a_short_range_passes_the_slip_at_landing_too() -> None:
-    data = {"friction": 1.524, "gait.phases": [{"mode": "stick", "leg": "free"}, {"mode": "flight", "leg": "locked"}]}
-    branch = go.continuation(go.solve(go.load_problem("slip-run-foot").replace(data)), "friction", 1.515)
-    landing, end = branch.specials
-    assert landing.value == pytest.approx(1.52285888971, abs=1e-10)
-    assert (landing.type, end.value) == ("mode_change", 1.515)
 
 
 @pytest.mark.parametrize(

@@ -83,28 +83,6 @@ def test_the_named_gait_is_confirmed_though_friction_drops_at_the_onset_of_slip(
     assert abs(float(stick[-1] - slip[-1])) > 0.1  # the acceleration of the foot jumps there [m/s^2]
 
 
-def test_both_engines_walk_alike(gait):
-    pytest.importorskip("heyoka")
-    ends = [go.simulate(gait, {"theta1": -0.149}, steps=5, engine=engine) for engine in ("scipy", "heyoka")]
-    first, second = (walk.trajectory.section_states for walk in ends)
-    np.testing.assert_allclose(first, second, atol=1e-10)
-
-
-def test_batches_decide_like_single_states(gait):
-    pytest.importorskip("heyoka")
-    from gaitopt.simulation.heyoka_batch import BatchSimulator
-    from gaitopt.simulation.outcomes import stack_outcomes
-
-    rng = np.random.default_rng(3)
-    states = gait.state * (1 + 0.2 * rng.uniform(-1, 1, (40, gait.state.size)))
-    states[:, 1] = states[:, 0]
-    batch, single = BatchSimulator(gait.dynamics).step(states), Simulator(gait.dynamics)
-    reference = stack_outcomes([single.step(z) for z in states], states, gait.system)
-    for name in ("endings", "phases", "impacts"):
-        np.testing.assert_array_equal(getattr(batch, name), getattr(reference, name))
-    np.testing.assert_allclose(batch.states, reference.states, atol=1e-9)
-
-
 def test_an_impact_sticks_where_sticking_and_slipping_are_both_consistent():
     system = HybridSystem(CompassBiped, NoControl(), ImpactLaw.COULOMB, STATIC_KINETIC)
     walker = go.load_problem("compass-passive-a").walker

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from casadi import SX, Function, cos, jacobian, pi, vertcat
+from casadi import SX, Function, cos, jacobian, vertcat
 from numpy.typing import NDArray
 
 import gaitopt as go
@@ -20,13 +20,8 @@ from gaitopt.model.mechanism import Body, Link, Mechanism, inclined, polar
 from gaitopt.model.units import Positive
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.model.walkers.kneed import KneedWalker
-from gaitopt.model.walkers.push_off import PushOffCompass
 from gaitopt.model.walkers.rabbit import Rabbit
-from gaitopt.model.walkers.rimless_wheel import RimlessWheel
-from gaitopt.model.walkers.round_feet import RoundFeetCompass
 from gaitopt.model.walkers.torso import DrivenTorso, TorsoWalker
-from gaitopt.model.walkers.unequal_compass import UnequalCompass
 
 
 def compass(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
@@ -45,60 +40,6 @@ def compass(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
         upright=cos(q.theta1),
         relabel=vertcat(-q.theta2, -q.theta1),
         motors=(q.theta1, q.theta1 + q.theta2),
-    )
-
-
-def push_off(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-    """The compass, with its push."""
-    return replace(compass(q, p), push=polar(p.push, q.theta1))
-
-
-def unequal(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-    """The compass, with another mass on the leg that swings."""
-    stance, hip, _ = compass(q, p).bodies
-    swing = hip.position - polar(p.leg_length - p.other_leg_com, -q.theta2)
-    return replace(compass(q, p), bodies=(stance, hip, Body(mass=p.other_leg_mass, position=swing)))
-
-
-def round_feet(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-    """A point mass and two rigid bodies, on arcs that roll."""
-    centre = vertcat(q.x + p.foot_radius * q.theta1, q.y + p.foot_radius)
-    hip = centre + polar(p.leg_length, q.theta1)
-    leg, inertia = p.leg_length - p.leg_com, p.leg_inertia
-    return Mechanism(
-        bodies=(
-            Body(mass=p.leg_mass, position=centre + polar(p.leg_com, q.theta1), inertia=inertia, angle=q.theta1),
-            Body(mass=p.hip_mass, position=hip),
-            Body(mass=p.leg_mass, position=hip - polar(leg, -q.theta2), inertia=inertia, angle=-q.theta2),
-        ),
-        gravity=inclined(p.gravity, p.slope),
-        swing_foot=hip - polar(p.leg_length, -q.theta2) + p.foot_radius * vertcat(q.theta2, -1),
-        touchdown=q.theta1 - q.theta2,
-        upright=cos(q.theta1),
-        relabel=vertcat(-q.theta2, -q.theta1),
-        motors=(q.theta1 + q.theta2,),
-    )
-
-
-def kneed(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-    """Five point masses; touchdown when both legs, straight, have the same angle."""
-    foot = vertcat(q.x, q.y)
-    hip = foot + polar(p.thigh_length + p.shank_length, q.theta1)
-    knee = hip - polar(p.thigh_length, -q.theta2)
-    return Mechanism(
-        bodies=(
-            Body(mass=p.shank_mass, position=foot + polar(p.shank_com, q.theta1)),
-            Body(mass=p.thigh_mass, position=foot + polar(p.shank_length + p.thigh_com, q.theta1)),
-            Body(mass=p.hip_mass, position=hip),
-            Body(mass=p.thigh_mass, position=hip - polar(p.thigh_length - p.thigh_com, -q.theta2)),
-            Body(mass=p.shank_mass, position=knee - polar(p.shank_length - p.shank_com, -q.theta3)),
-        ),
-        gravity=inclined(p.gravity, p.slope),
-        swing_foot=knee - polar(p.shank_length, -q.theta3),
-        touchdown=q.theta1 - q.theta2,
-        upright=cos(q.theta1),
-        relabel=vertcat(-q.theta2, -q.theta1, -q.theta1 - (q.theta2 - q.theta3)),
-        stops={"knee": q.theta2 - q.theta3},
     )
 
 
@@ -126,30 +67,7 @@ def driven_torso(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
     return replace(torso(q, p), motors=(q.torso - q.theta1, q.torso + q.theta2))
 
 
-def wheel(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-    """One rigid body at the hub; the next spoke is the swing foot."""
-    half_angle = pi / p.spokes
-    hub = vertcat(q.x, q.y) + polar(p.radius, q.theta)
-    return Mechanism(
-        bodies=(Body(mass=p.mass, position=hub, inertia=p.inertia_ratio * p.mass * p.radius**2, angle=q.theta),),
-        gravity=inclined(p.gravity, p.slope),
-        swing_foot=hub - polar(p.radius, q.theta - 2 * half_angle),
-        touchdown=q.theta - half_angle,
-        upright=q.theta + half_angle,
-        relabel=SX(q.theta - 2 * half_angle),
-    )
-
-
-BY_HAND = {
-    CompassBiped: compass,
-    PushOffCompass: push_off,
-    UnequalCompass: unequal,
-    RoundFeetCompass: round_feet,
-    KneedWalker: kneed,
-    TorsoWalker: torso,
-    DrivenTorso: driven_torso,
-    RimlessWheel: wheel,
-}
+BY_HAND = {CompassBiped: compass, TorsoWalker: torso, DrivenTorso: driven_torso}
 
 
 def symbols(walker: type[Walker]) -> tuple[SX, SimpleNamespace, SX, SimpleNamespace]:

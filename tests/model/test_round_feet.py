@@ -114,28 +114,10 @@ def test_point_feet_are_those_of_the_compass():
         assert points.measures[name] == pytest.approx(compass.measures[name], abs=1e-10)
 
 
-@pytest.mark.slow
-def test_radius_is_a_family_that_ends_in_the_point_foot():
-    branch = go.continuation(named("round-feet-passive"), "walker.foot_radius", 0.0)
-    end = min((point.gait for point in branch.points), key=lambda gait: gait.p[1])
-    assert end.p[1] == pytest.approx(0.0, abs=1e-12)
-    assert go.verify(end).passed
-
-
 def test_both_methods_and_both_engines_agree_on_round_feet():
     assert verification("round-feet-passive").passed
     pytest.importorskip("heyoka")
     assert go.verify(named("round-feet-passive"), engine="heyoka").passed
-
-
-def test_round_feet_slide_where_friction_is_short():
-    gait = named("round-feet-passive")
-    branch = go.continuation(gait, "friction", 0.15)
-    changes = sorted(special.value for special in branch.specials if special.type.endswith("change"))
-    needed = sorted((gait.measures["required_friction"], gait.measures["impulse_ratio"]))
-    assert changes[-1] == pytest.approx(needed[-1], abs=1e-8)
-    slips = [point.gait for point in branch.points if any(mode.slips for mode, _ in point.gait.phases)]
-    assert go.verify(slips[-1]).passed
 
 
 def test_arcs_are_drawn_and_touch_the_ground():

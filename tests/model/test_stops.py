@@ -8,7 +8,7 @@ from foot_impacts import foot_impact
 from named import named, verification
 
 import gaitopt as go
-from gaitopt import Cycle, Mode, ModeSequence, return_map
+from gaitopt import Cycle, Mode, ModeSequence
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
@@ -146,41 +146,19 @@ def test_the_knee_needs_the_friction_at_which_its_strike_begins_to_slip():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "friction", [pytest.param(0.27, marks=pytest.mark.slow), pytest.param(0.255, marks=pytest.mark.slow), 0.24]
-)
-def test_gaits_whose_knee_strike_slides_are_verified(friction):
+def test_a_gait_whose_knee_strike_slides_is_verified():
     """The simulator, from the gait with more friction, changes the modes by itself; both methods agree on its gait."""
-    phases = {
-        0.27: ["stick, knee free", "slip_forward, knee locked", "stick, knee locked"],
-        0.255: ["slip_forward, knee free", "stick, knee free", "slip_forward, knee locked", "stick, knee locked"],
-        0.24: [
-            "slip_forward, knee free", "stick, knee free", "slip_forward, knee locked", "stick, knee locked",
-            "slip_backward, knee locked",
-        ],
-    }[friction]  # fmt: skip
-    changes = {"friction": friction, "gait.phases": [Mode(text).data for text in phases]}
+    phases = [
+        "slip_forward, knee free", "stick, knee free", "slip_forward, knee locked", "stick, knee locked",
+        "slip_backward, knee locked",
+    ]  # fmt: skip
+    changes = {"friction": 0.24, "gait.phases": [Mode(text).data for text in phases]}
     gait = go.solve(go.load_problem("kneed-passive").replace(changes))
     assert gait.converged, gait.message
     checked = go.verify(gait)
     assert checked.passed, checked
     pytest.importorskip("heyoka")
     assert go.verify(gait, engine="heyoka").passed
-
-
-def test_engines_agree_on_random_states():
-    pytest.importorskip("heyoka")
-    gait = named("kneed-passive")
-    xi = np.array([*gait.state[[0, 4, 5]], 0.0]) + np.array([0.02, 0.1, 0.1, 0]) * np.random.default_rng(
-        1
-    ).standard_normal((60, 4))
-    xi[::3, 3] = 0.05 * np.random.default_rng(2).standard_normal(20)
-    problem = go.load_problem("kneed-passive").replace({"friction": 0.25})
-    scipy, heyoka = (return_map(problem, xi, engine=engine) for engine in ("scipy", "heyoka"))
-    assert (scipy.endings == heyoka.endings).all()
-    assert (scipy.phases == heyoka.phases).all()
-    assert scipy.states == pytest.approx(heyoka.states, abs=1e-9, nan_ok=True)
-    assert {"slip_forward, knee locked"} <= {mode for row in range(60) for mode in scipy.sequence(row)}
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,11 @@ from named import named, verification
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
-from gaitopt import GaitoptError, Walker, check_walker, return_map
+from gaitopt import GaitoptError, check_walker
 from gaitopt.errors import SolveError
 from gaitopt.model.control import NoControl
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
-from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.assembly import solution_of
 
 L, A, HIP, G, SLOPE = 1.6, 0.8, 2.0, 9.8, np.radians(1)
@@ -155,34 +153,6 @@ def test_whichever_leg_stands_first_the_walk_is_the_same():
     assert sorted(abs(other.multipliers)) == pytest.approx(sorted(abs(gait.multipliers)), abs=1e-8)
 
 
-def test_batches_return_after_a_step_with_either_leg():
-    pytest.importorskip("heyoka")
-    gait, rng = named("compass-unequal"), np.random.default_rng(3)
-    xi = np.array([*gait.state[[0, 3, 4]], 0.0]) + np.array([0.01, 0.05, 0.05, 0]) * rng.standard_normal((40, 4))
-    xi[::4, 3] = 0.05 * rng.standard_normal(10)
-    problem = gait.problem.replace({"friction": 0.19})
-    scipy, heyoka = (return_map(problem, xi, engine=engine) for engine in ("scipy", "heyoka"))
-    assert (scipy.endings == heyoka.endings).all()
-    assert (scipy.phases == heyoka.phases).all()
-    assert scipy.states == pytest.approx(heyoka.states, abs=1e-9, nan_ok=True)
-    p = problem.parameters
-    simulator = Simulator(Dynamics(gait.system, gait.system.values(p)))
-    row = int(np.flatnonzero(scipy.completed)[0])
-    walked = simulator.run(simulator.dynamics.lift(xi[row]), steps=2)
-    assert scipy.states[row] == pytest.approx(walked.section_states[-1][[0, 3, 4, 5]], abs=1e-12)
-    assert scipy.times[row] == pytest.approx(sum(step.period for step in walked.steps), abs=1e-12)
-
-
-@pytest.mark.slow
-def test_gaits_of_legs_that_differ_are_found_and_explained():
-    problem = named("compass-unequal").problem.replace({"friction": 0.19})
-    stable, unstable = go.find(problem.replace({"gait": {"phases": "auto"}}), workers=1)
-    assert sorted(step.impact.mode for step in stable.steps) == ["slip_forward", "stick"]
-    assert [step.impact.mode for step in unstable.steps] == ["slip_forward", "slip_forward"]
-    assert stable.spectral_radius < 1 < unstable.spectral_radius
-    assert not go.explain(problem, workers=1).exists
-
-
 @pytest.mark.parametrize(
     "gait",
     [
@@ -207,12 +177,6 @@ def test_legs_that_differ_must_be_exchanged():
 
     with pytest.raises(GaitoptError, match="exchanged names other_mass"):
         HybridSystem(Misspelt, NoControl())
-
-
-def test_walkers_with_equal_legs_keep_their_parameters():
-    p = np.arange(8.0)
-    (same,) = Walker.step_parameters(p)
-    assert same is p
 
 
 @pytest.mark.parametrize("key", ["walker.leg_mass", "walker.other_leg_com", "walker.hip_mass"])

@@ -9,7 +9,7 @@ from named import named
 from scipy.integrate import quad, solve_ivp
 
 import gaitopt as go
-from gaitopt.errors import ProblemError, SolveError
+from gaitopt.errors import ProblemError
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import restore_problem
 from gaitopt.simulation.simulator import Simulator
@@ -183,13 +183,6 @@ def test_pd_torques_are_gains_times_outputs_of_the_motor_that_is_named():
         assert np.asarray(known["torque"]).ravel() == pytest.approx([0.0, -40 * y - 3 * dy], rel=1e-12)
 
 
-def test_curves_continue_as_polynomials_outside_of_their_span():
-    dynamics = dynamics_of({})
-    z = np.array([0.15, 0.3, 0, 0.4, -0.2, 0])
-    y = float(dynamics.system.quantities(Mode.STICK)(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))["outputs"])
-    assert y == pytest.approx(0.3 - bezier(POINTS, 1.25), rel=1e-12)
-
-
 @pytest.mark.parametrize("width", [0.2, 0.01])
 def test_a_clamp_holds_the_curves_outside_of_their_span(width):
     """The torque of a linearising law with c(s), its slope and bend written out, inside, at an end and far outside."""
@@ -288,27 +281,6 @@ def test_a_simulated_walk_has_the_entries_of_its_gait():
         assert record["tracking_errors"]["theta2"] == pytest.approx({"start": 0, "end": 0}, abs=1e-10)
 
 
-def test_other_laws_have_no_entries_of_constraints():
-    assert not {"zero_dynamics", "decoupling_min_singular_value"} & {*named("compass-torque-stick").to_record()}
-
-
-def test_a_phase_that_is_not_monotone_is_named_with_its_time():
-    control = {
-        "type": "virtual_constraints",
-        "outputs": ["theta1"],
-        "motors": ["hip"],
-        "phase": "theta2",
-        "span": [-0.2, 0.15],
-        "reference": {"bezier": {"theta1": [-0.15, 0.15]}},
-        "law": "pd",
-        "gains": {"kp": 0, "kd": 0},
-    }
-    gait = go.solve(go.load_problem("compass-passive-stick").replace({"control": control}))
-    assert not gait.converged
-    assert gait.causes[0].what == "phase"
-    assert "the phase variable theta2 is not monotone: it turns back 0.0" in gait.message
-
-
 def test_a_table_of_the_curve_gives_its_gait():
     """A polynomial of degree 6 is determined by 15 of its values; the table has a span of its own."""
     gait = named(NAME)
@@ -365,14 +337,6 @@ def test_the_error_of_the_fit_is_that_of_the_closest_polynomial():
         assert (piece.start, piece.end) == tuple(span)
 
 
-def test_a_phase_that_turns_back_along_the_followed_gait_is_refused():
-    changes = {"control.outputs": ["theta1"], "control.phase": "theta2", "control.motors": ["hip"]}
-    problem = followed({"gait": "compass-passive-b", "degree": 6}, **changes)
-    words = "control.reference: the phase variable theta2 is not monotone along compass-passive-b: it turns back 0.1462"
-    with pytest.raises(SolveError, match=words):
-        go.solve(problem)
-
-
 def test_free_curves_start_from_points_or_from_a_gait():
     bounds, points = {"objective": "torque_squared"}, {"theta2": POINTS.tolist()}
     given = followed({"curve": {"degree": 6, "points": points, "within": 0.5}}, **bounds)
@@ -386,20 +350,6 @@ def test_free_curves_start_from_points_or_from_a_gait():
     assert len(first.unknowns(walker)) == 7
     values = {f"control.reference.theta2.{k}": 0.1 for k in range(7)}
     assert started.with_guess(named(NAME).to_record(), values).control.reference.curve.points == {"theta2": (0.1,) * 7}
-
-
-@pytest.mark.slow
-def test_optimal_curves_are_the_same_from_points_and_from_a_gait():
-    limits = {"objective": "torque_squared", "constraints": {"speed": {"min": 0.1}}}
-    points = {"theta2": POINTS.tolist()}
-    ends = [
-        go.solve(followed({"curve": {"degree": 6, **start}}, **limits))
-        for start in ({"points": points}, {"start": NAME})
-    ]
-    assert all(go.verify(end).passed for end in ends)
-    costs = [end.scalar("torque_squared") for end in ends]
-    assert costs[0] == pytest.approx(costs[1], rel=1e-8)
-    assert costs[0] < named(NAME).scalar("torque_squared")
 
 
 def test_constants_need_no_tracked_joint():
@@ -426,15 +376,6 @@ def test_gains_and_constants_may_be_unknowns():
     assert problem.parameters["control.reference.constant.theta2"] == 0.1
     assert [*problem.free] == ["control.gains.kp"]
     assert problem.control.unknowns(type(problem.walker)) == {"reference.constant.theta2": (0, 0.2)}
-
-
-@pytest.mark.slow
-def test_a_design_finds_gains() -> None:
-    gain = {"free": [10, 50], "guess": 36}
-    best = go.solve(go.load_problem(NAME).replace({"control.gains.kp": gain, "objective": "spectral_radius"}))
-    assert best.converged
-    assert best.freed["control.gains.kp"] != 36
-    assert go.verify(best).passed
 
 
 def test_a_singular_decoupling_matrix_is_named():
@@ -467,10 +408,7 @@ def test_a_singular_decoupling_matrix_is_named():
         ({"control.motors": ["ankle", "hip"]}, "one of ankle, hip for each of theta2: 2 given for 1 outputs"),
         ({"control.reference": {"bezier": {"theta1": [0, 1]}}}, "has curves of theta1; the outputs are theta2"),
         ({"control.reference": {"bezier": {"theta2": [0]}}}, "has 1 control points, must have at least 2"),
-        (
-            {"control.reference": {"motion": "compass-passive-b"}},
-            r"give one of \{bezier: .* or \{table: file.* or \{gait: NAME, degree: 6\} or \{curve: ",
-        ),
+        ({"control.reference": {"motion": "compass-passive-b"}}, r"give one of \{bezier: .* or \{table: file.* or"),
         ({"control.reference": {"gait": "compass-passive-b"}}, "reference.degree: is missing: curves of a phase"),
         (
             {"control.reference": {"gait": "compass-passive-b", "degree": 6, "phase": "theta1"}},
@@ -484,25 +422,13 @@ def test_a_singular_decoupling_matrix_is_named():
             {"control.reference": {"gait": "torso-passive", "degree": 6, "joints": {"theta2": "knee"}}},
             ", which has no knee to track; its angles are theta1",
         ),
-        (
-            {"control.reference": {"curve": {"degree": 6}}},
-            "curve.start: is missing: give a problem whose gait is the first guess, or the control points",
-        ),
-        (
-            {"control.reference": {"curve": {"degree": 6, "points": {"theta2": [0, 0.1]}}}},
-            "curve.points.theta2: 2 control points, but a curve of degree 6 has 7",
-        ),
+        ({"control.reference": {"curve": {"degree": 6}}}, "curve.start: is missing: give a problem whose gait is the"),
+        ({"control.reference": {"curve": {"degree": 6, "points": {"theta2": [0, 0.1]}}}}, "curve.points.theta2: 2"),
         ({"control.reference": {"constant": {"hip": 0}}}, "has curves of hip; the outputs are theta2"),
         ({"control.reference": {"table": TABLE}}, "degree: is missing: a spline of a phase variable would have"),
         ({"control.reference": {"table": TABLE, "degree": 2}}, "2 is too large: 2 rows determine at most 1"),
-        (
-            {"control.reference": {"table": {**TABLE, "hip": [0, 1]}, "degree": 1}},
-            "has curves of theta2, hip; the outp",
-        ),
-        (
-            {"control.reference": {"table": {"t": [0, 1], "theta2": [0, 1]}, "degree": 1}},
-            "its first column is t, but",
-        ),
+        ({"control.reference": {"table": {**TABLE, "hip": [0, 1]}, "degree": 1}}, "has curves of theta2, hip; the"),
+        ({"control.reference": {"table": {"t": [0, 1], "theta2": [0, 1]}, "degree": 1}}, "its first column is t, but"),
         ({"control.reference.theta2.7": 0.1}, "has no such entry: name one of 0 to 6"),
         ({"control.reference.theta2.6": "wide"}, r"bezier.theta2\[6\]: write an angle as a number in rad"),
         ({"control.reference.theta2.3": {"free": [0.5, 0.4], "guess": 0.4}}, "needs lo < hi"),

@@ -1,11 +1,11 @@
 """Simulations from any state until a time: bodies without a gait, states between samples, impulses of all impacts."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from casadi import Function, cos, sin, vertcat
+from casadi import Function
+from contact_walkers import Frame
 from named import named
 
 import gaitopt as go
@@ -14,40 +14,12 @@ from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.model.transitions import Ending
 
-
-class Block(go.Walker):
-    """A rigid block on its two corners."""
-
-    model = "corner_block"
-    shape = ("theta",)
-    contacts = ("left", "right")
-
-    half_width: float
-    half_height: float
-    mass: float
-    gravity: float
-
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> go.Mechanism:
-        centre = vertcat(q.x, q.y)
-        across, down = vertcat(cos(q.theta), -sin(q.theta)), vertcat(-sin(q.theta), -cos(q.theta))
-        inertia = p.mass * (p.half_width**2 + p.half_height**2) / 3
-        base = centre + p.half_height * down
-        return go.Mechanism(
-            bodies=(go.Body(mass=p.mass, position=centre, inertia=inertia, angle=q.theta),),
-            gravity=vertcat(0, -p.gravity),
-            upright=cos(q.theta),
-            contacts={
-                "left": go.Contact(position=base - p.half_width * across),
-                "right": go.Contact(position=base + p.half_width * across),
-            },
-        )
-
-
 B, H, MASS, LEAN = 0.1, 0.4, 2.0, 0.1
+INERTIA = MASS * (B**2 + H**2) / 3
 BLOCK = f"""
 name: block
-walker: {{model: corner_block, half_width: {B}, half_height: {H}, mass: {MASS}, gravity: 9.81}}
+walker: {{model: frame, half: {B}, height: {H}, mass: {MASS}, inertia: {INERTIA}, gravity: 9.81,
+  slope: 0}}
 friction: 0.8
 """
 LEANING = {
@@ -64,7 +36,7 @@ until: {time: 3}
 
 @pytest.fixture(scope="module")
 def block():
-    return go.parse_problem(BLOCK, walkers=[Block])
+    return go.parse_problem(BLOCK, walkers=[Frame])
 
 
 @pytest.fixture(scope="module")
@@ -208,7 +180,7 @@ def test_a_file_without_a_gait_is_simulated_and_nothing_else(tmp_path, monkeypat
 
 def test_a_walk_with_strikes_within_its_steps_is_read_as_it_was_written(rocking, tmp_path):
     go.simulate(rocking.problem, LEANING, until=go.Until(time=0.8), output=tmp_path / "run")
-    again = go.load_run(tmp_path / "run", walkers=[Block])
+    again = go.load_run(tmp_path / "run", walkers=[Frame])
     assert again.to_record() == rocking.to_record()
     problem = rocking.problem
     assert go.Problem is type(problem)
@@ -219,8 +191,8 @@ def test_a_walk_with_strikes_within_its_steps_is_read_as_it_was_written(rocking,
 @pytest.mark.parametrize(
     ("state", "options", "words"),
     [
-        (LEANING, {}, "a step of the corner_block never ends, since it has no landing contacts; end the simulation"),
-        (LEANING, {"until": go.Until(steps=3)}, "a step of the corner_block never ends"),
+        (LEANING, {}, "a step of the frame never ends, since it has no landing contacts; end the simulation"),
+        (LEANING, {"until": go.Until(steps=3)}, "a step of the frame never ends"),
         ({"theta": 0.1}, {"until": go.Until(time=1)}, "state: y, dtheta, dy, dx is missing; without the modes"),
         (LEANING | {"y": np.nan}, {"until": go.Until(time=1)}, "state y = nan: is not a number"),
         (LEANING, {"until": go.Until(time=1), "steps": 2}, "steps = 2 and until = .*: give one of them"),
@@ -266,4 +238,4 @@ def test_shares_of_an_impulse_that_are_open_are_null_and_an_impact_at_the_start_
     walk = go.simulate(block, LEANING | {"dy": -0.5}, until=go.Until(time=0.3), output=tmp_path / "run")
     first, _ = walk.to_record()["impacts"]
     assert (first["time"], first["of"], [*first["impulse"]]) == (0.0, ["right"], ["right"])
-    assert go.load_run(tmp_path / "run", walkers=[Block]).to_record() == walk.to_record()
+    assert go.load_run(tmp_path / "run", walkers=[Frame]).to_record() == walk.to_record()

@@ -20,16 +20,14 @@ from gaitopt.gait.gait import trajectory_header, trajectory_rows
 from gaitopt.gait.measures import contact_record, measure, observe
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.mechanism import Contact, polar
+from gaitopt.model.mechanism import Contact
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.problem.problem import load_problem
 from gaitopt.simulation.contact_resolver import ContactResolver
 from gaitopt.simulation.engine import is_installed
-from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.store.formats import Table, csv_text
 from gaitopt.systems import problem_dynamics
@@ -207,29 +205,6 @@ def test_a_crawler_slides_as_a_damped_oscillator_while_one_mass_rests() -> None:
     assert step.arcs[0].states[-1][0] == pytest.approx(rest + (rest - gap) * np.exp(-decay * np.pi / omega), rel=1e-11)
 
 
-def test_a_contact_that_never_touches_changes_nothing() -> None:
-    """The toe of a longer foot that stays in the air, and contacts in another order."""
-    case = heel_toe()
-    q, dq = on_heel(case, HEEL_STRIKES[0.3])
-    step = Simulator(case.dynamics(0.3)).step(case.state(q, dq)).step
-
-    class Renumbered(HeelToe):
-        model = "renumbered"
-        contacts = ("swing_toe", "toe", "swing_heel", "heel", "knee")
-
-        @classmethod
-        def mechanism(cls, q, p):
-            stated = super().mechanism(q, p)
-            knee = Contact(position=stated.bodies[0].position + polar(p.leg_com / 4, q.theta1))
-            known = {**stated.contacts, "knee": knee}
-            return replace(stated, contacts={name: known[name] for name in cls.contacts})
-
-    other = Simulator(dynamics_of(Renumbered(**dict(case.walker)), 0.3)).step(case.state(q, dq)).step
-    assert other.impact.state == pytest.approx(step.impact.state, abs=1e-12)
-    assert [arc.end for arc in other.arcs] == pytest.approx([arc.end for arc in step.arcs], abs=1e-12)
-    assert [set(words(arc.mode)) for arc in other.arcs] == [set(words(arc.mode)) for arc in step.arcs]
-
-
 class Doubled(Frame):
     """A frame of which one foot is two contacts in one place."""
 
@@ -241,18 +216,6 @@ class Doubled(Frame):
         stated = super().mechanism(q, p)
         feet = {name: stated.contacts[name.removesuffix("_too")] for name in cls.contacts}
         return replace(stated, contacts=feet)
-
-
-@pytest.mark.parametrize("velocity", [pytest.param(0.0, marks=pytest.mark.slow), 1.0])
-def test_two_contacts_in_one_place_move_as_one(velocity: float) -> None:
-    single = frame(0.3, 0.5, slope=0.2)
-    state = np.array([0.0, 0.5, 0.0, 0.0, 0.0, velocity])
-    one = Simulator(single.dynamics(0.25)).step(state).step
-    two = Simulator(dynamics_of(Doubled(**dict(single.walker)), 0.25)).step(state).step
-    assert [arc.end for arc in two.arcs] == pytest.approx([arc.end for arc in one.arcs], rel=1e-12)
-    for ours, theirs in zip(one.arcs, two.arcs, strict=True):
-        assert theirs.states[-1] == pytest.approx(ours.states[-1], rel=1e-12, abs=1e-12)
-        assert {name.removesuffix("_too") for name in theirs.mode.touching} == {*ours.mode.touching}
 
 
 def test_shares_of_forces_and_motions_that_are_undetermined_are_named() -> None:
@@ -334,21 +297,6 @@ def test_of_two_contacts_in_one_place_that_with_more_friction_takes_the_load(fri
     lower = Simulator(dynamics_of(doubled, {"left": 0.2, "left_too": 0.25, "right": 0.4})).step(falls)
     assert lower.ending == Ending.UNDETERMINED
     assert "the impulses do not determine the impact" in lower.message
-
-
-def test_a_mirrored_frame_on_a_mirrored_slope_moves_as_its_mirror_image() -> None:
-    state = np.array([0.2, 0.9, 0.0, -0.3, 0.0, 0.4])
-    mirror = np.array([-1, 1, -1, -1, 1, -1])
-    swapped = {"left": "right", "right": "left"}
-    turned = {"stick": "stick", "off": "off", "slip_forward": "slip_backward", "slip_backward": "slip_forward"}
-    one, other = (
-        Simulator(frame(0.3, 0.5, slope=sign * 0.1).dynamics(0.3)).step(start).step
-        for sign, start in ((1, state), (-1, mirror * state))
-    )
-    assert len(one.arcs) > 3
-    for ours, theirs in zip(one.arcs, other.arcs, strict=True):
-        assert theirs.states[-1] == pytest.approx(mirror * ours.states[-1], rel=1e-12, abs=1e-12)
-        assert {swapped[name]: turned[word] for name, word in ours.mode.contacts.items()} == theirs.mode.contacts
 
 
 def test_a_frame_that_slides_to_rest_stops_on_both_feet_at_once() -> None:
@@ -463,43 +411,6 @@ def test_forces_and_torques_for_which_several_motions_are_consistent_end_with_th
     assert {*counts} == {1, 3}  # from rest, solutions of either sign of the determinant come in pairs
     assert counts[1] > 200
     assert counts[3] > 2
-
-
-@pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_a_frame_that_can_slide_on_both_feet_or_tip_ends_with_both_names(direction: float) -> None:
-    """Force and torque push it down and to one side; of the feet's forces, one solution has a negative determinant."""
-    rng, counts = np.random.default_rng(1), Counter[int]()
-    for _ in range(60):
-        half, height, inertia = rng.uniform([0.05, 0.05, 0.005], [1, 1, 0.3])
-        along, down, torque = rng.normal(size=3) * [20, 20, 10]
-        mu = rng.uniform(0.1, 4)
-        walker = Pushed(
-            half=half, height=height, mass=1.0, inertia=inertia, gravity=1.0, slope=0.0, along=along, down=down,
-            torque=torque,
-        )  # fmt: skip
-        load, inverse, names = np.array([torque, along, -down]), np.diag([1 / inertia, 1, 1]), ("left", "right")
-        rows = {"left": np.array([[-height, 1, 0], [half, 0, 1]]), "right": np.array([[-height, 1, 0], [-half, 0, 1]])}
-        expected = []
-        for on in product((False, True), repeat=2):
-            touching = [name for name, touches in zip(names, on, strict=True) if touches]
-            J = np.vstack([np.zeros((0, 3)), *(rows[name][1:] for name in touching)])
-            W = np.vstack([np.zeros((0, 3)), *(rows[n][1:] - direction * mu * rows[n][:1] for n in touching)]).T
-            forces = np.linalg.solve(J @ inverse @ W, -J @ inverse @ load)
-            acceleration = inverse @ (load + W @ forces)
-            away = [(rows[name] @ acceleration)[1] for name in names if name not in touching]
-            if min([*forces, *away]) > 0:
-                expected.append(" + ".join(f"{name} {Mode.slip(direction)}" for name in touching) or "flight")
-        outcome = Simulator(dynamics_of(walker, mu), max_switches=1).step(np.array([0, height, 0, 0, 0, direction]))
-        counts[len(expected)] += 1
-        if len(expected) == 2:
-            assert outcome.step is None
-            assert outcome.ending == Ending.CONTACT_AMBIGUOUS
-            assert {*outcome.message.split(": ")[1].split(" and ")} == {*expected}
-        elif len(expected) == 1:
-            assert outcome.step.arcs[0].mode.brief == expected[0]
-        else:
-            assert outcome.ending == Ending.PAINLEVE
-    assert min(counts[k] for k in range(3)) >= 5
 
 
 class Rod(Frame):
@@ -621,22 +532,6 @@ def test_heel_and_toe_that_approach_each_other_approach_point_feet() -> None:
         errors.append(np.abs(landed[[0, 4, 5]] - expected).max())
     assert errors[1] / errors[0] == pytest.approx(0.5, abs=0.1)
     assert errors[2] / errors[1] == pytest.approx(0.5, abs=0.05)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not is_installed(), reason="heyoka is not installed")
-@pytest.mark.parametrize("friction", HEEL_STRIKES)
-def test_engines_agree_on_a_step_over_heel_and_toe(friction: float) -> None:
-    from gaitopt.simulation.heyoka_stepper import HeyokaStepper
-
-    case = heel_toe()
-    state = case.state(*on_heel(case, HEEL_STRIKES[friction]))
-    one, other = (
-        Simulator(case.dynamics(friction), engine).step(state).step for engine in (ScipyStepper, HeyokaStepper)
-    )
-    assert [arc.mode for arc in other.arcs] == [arc.mode for arc in one.arcs]
-    assert [arc.end for arc in other.arcs] == pytest.approx([arc.end for arc in one.arcs], abs=1e-11)
-    assert other.impact.state == pytest.approx(one.impact.state, abs=1e-10)
 
 
 @pytest.mark.skipif(not is_installed(), reason="needs pip install '.[heyoka]'")

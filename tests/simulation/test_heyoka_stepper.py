@@ -14,7 +14,6 @@ from named import named
 from gaitopt import Mode, load_problem, problem_names, verify
 from gaitopt.errors import UnknownNameError
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.transitions import Ending
 from gaitopt.problem.source import find_problem
 from gaitopt.simulation.engine import choose_engine
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
@@ -129,33 +128,6 @@ def test_gait_that_is_spoilt_is_refuted_on_heyoka():
     assert not verify(replace(gait, steps=(step,)), engine="heyoka").passed
 
 
-def random_states(system, gait, count, seed):
-    """Starts after an impact around a gait, wild enough for every ending; half of them with a slipping foot."""
-    rng = np.random.default_rng(seed)
-    indices = system.section(Mode.SLIP_FORWARD).indices
-    xi = gait.state[indices] * (1 + rng.uniform(-0.5, 0.5, (count, indices.size)))
-    xi += rng.uniform(-0.1, 0.1, xi.shape)
-    xi[: count // 2, -1] = 0
-    return [Dynamics(system, gait.p).lift(row) for row in xi]
-
-
-@pytest.mark.parametrize("name", ["compass-passive-a", "rimless-wheel-slip", "compass-pd-impact-slip"])
-def test_engines_agree_on_random_states(name):
-    gait = named(name)
-    simulators = [Simulator(gait.dynamics, k) for k in (HeyokaStepper, ScipyStepper)]
-    endings = set()
-    for state in random_states(gait.system, gait, 60, seed=3):
-        first, second = (simulator.step(state) for simulator in simulators)
-        assert first.ending is second.ending
-        endings.add(first.ending)
-        if first.step is not None:
-            assert phases(first.step) == phases(second.step)
-            np.testing.assert_allclose(first.step.period, second.step.period, rtol=0, atol=AGREEMENT)
-        if first.ending is Ending.COMPLETED:
-            np.testing.assert_allclose(first.step.impact.state, second.step.impact.state, rtol=0, atol=AGREEMENT)
-    assert len(endings) > 1
-
-
 def test_slip_that_begins_and_ends_within_one_series_is_found():
     """Of a series that begins with an exact zero heyoka itself overlooks the next root."""
     problem = load_problem("compass-passive-a")
@@ -165,16 +137,6 @@ def test_slip_that_begins_and_ends_within_one_series_is_found():
     step = Simulator(Dynamics(system, p), HeyokaStepper).step(state).step
     assert phases(step)[:2] == (Mode.SLIP_FORWARD, Mode.STICK)
     assert step.arcs[0].duration < 0.03
-
-
-def test_dense_arcs_are_those_of_the_other_engine():
-    gait = named("compass-passive-a")
-    dense = [
-        Simulator(gait.dynamics, kind).run(gait.state, dense=True).steps[0] for kind in (HeyokaStepper, ScipyStepper)
-    ]
-    for ours, theirs in zip(dense[0].arcs, dense[1].arcs, strict=True):
-        if ours.states.shape == theirs.states.shape:
-            np.testing.assert_allclose(ours.states, theirs.states, rtol=0, atol=AGREEMENT)
 
 
 def test_engine_that_does_not_exist_is_named():

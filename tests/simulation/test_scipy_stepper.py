@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import quad
 
 from gaitopt import Mechanism, Mode
@@ -15,12 +14,8 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation import scipy_stepper
-from gaitopt.simulation.engine import Stepper
-from gaitopt.simulation.events import Point
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator
-
-Array = NDArray[np.float64]
 
 HALF_ANGLE, SLOPE, KAPPA = np.pi / 10, np.radians(13), 1 / 3
 P = np.array([10, 1, 1, KAPPA, 1, SLOPE, 1.0])
@@ -82,30 +77,3 @@ def test_endless_integration_is_a_numerical_ending(monkeypatch: pytest.MonkeyPat
     trajectory = Simulator(Dynamics(HybridSystem(RimlessWheel, NoControl()), P)).run(START)
     assert trajectory.ending is Ending.NUMERICAL
     assert "more than 3 integration steps" in trajectory.message
-
-
-class Recorder(Stepper):
-    """Another engine: it notes the modes and leaves the work to scipy's."""
-
-    def __init__(self, dynamics: Dynamics) -> None:
-        super().__init__(dynamics)
-        self.modes: list[Mode] = []
-        self._inner = ScipyStepper(dynamics)
-
-    def find_event(self, mode: Mode, segment: int, start: Point, limit: float) -> tuple[str | None, float, Array, str]:
-        self.modes.append(mode)
-        return self._inner.find_event(mode, segment, start, limit)
-
-    def states_at(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
-        return self._inner.states_at(mode, segment, zeta, taus)
-
-    def propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
-        return self._inner.propagate(mode, segment, y, columns, start, end)
-
-
-def test_any_stepper_can_take_the_place_of_scipys() -> None:
-    system = HybridSystem(RimlessWheel, NoControl())
-    simulator = Simulator(Dynamics(system, P), Recorder)
-    trajectory = simulator.run(START, 3, dense=True)
-    assert simulator.stepper.modes == [mode for step in trajectory.steps for mode, _ in step.phases]
-    assert np.array_equal(trajectory.section_states, Simulator(Dynamics(system, P)).run(START, 3).section_states)

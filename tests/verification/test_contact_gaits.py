@@ -1,7 +1,6 @@
 """Gaits of walkers with several contacts, by both methods."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +9,7 @@ from named import named
 from samples import sampled
 
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
-from gaitopt.model.mechanism import Contact, polar
-from gaitopt.model.walkers.heel_toe import HeelToe
-from gaitopt.problem.problem import parse_problem, restore_problem
+from gaitopt.problem.problem import restore_problem
 from gaitopt.search.solve import solve
 from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.simulator import Simulator
@@ -110,13 +107,6 @@ def test_a_law_that_holds_contacts_acts_alike_while_modes_are_compared(name: str
     assert verify(gait).passed
 
 
-def test_more_friction_changes_nothing_where_all_contacts_stick() -> None:
-    gait = contact_gait("heel-toe")
-    more = solve(gait.problem.replace({"friction": 0.6}))
-    assert more.state == pytest.approx(gait.state, abs=1e-13)
-    assert more.multipliers == pytest.approx(gait.multipliers, abs=1e-11)
-
-
 def test_the_energy_of_a_conservative_gait_is_its_parameter() -> None:
     gait = solve(contact_problem("slip-walk").replace({"walker.energy": 820}))
     arc = gait.arcs[0]
@@ -161,60 +151,12 @@ def test_a_crawler_is_the_damped_oscillator_that_one_can_write_down() -> None:
     assert walked.section_states[-1] == pytest.approx(gait.state, abs=1e-12)
 
 
-def test_an_inchworm_changes_its_mode_ten_times_in_a_cycle() -> None:
-    gait = contact_gait("inchworm")
-    assert len(gait.phases) == 11
-    assert gait.problem.section_names == ("rear_angle", "drear_angle", "dx")
-    assert gait.measures["step_length"] == pytest.approx(0.135066, abs=1e-6)
-    assert np.abs(gait.multipliers[1:]).max() < 1e-10  # both feet rest at times
-
-
 def test_a_section_in_flight_gives_the_multiplier_of_the_one_at_touchdown() -> None:
     """The same runner as a walker that stands on one foot at a time, whose steps end with a landing."""
     apex, landing = contact_gait("run"), named("slip-run")
     assert apex.period == pytest.approx(landing.period, abs=1e-12)
     assert apex.multipliers == pytest.approx(landing.multipliers, abs=1e-11)
     assert apex.measures["step_length"] == pytest.approx(landing.measures["step_length"], abs=1e-12)
-
-
-@pytest.mark.parametrize("factors", [(2.0, 3.0, 0.5), (7.0, 0.2, 4.0)])
-def test_a_gait_is_the_same_in_other_units(factors: tuple[float, float, float]) -> None:
-    mass, length, time = factors
-    gait = contact_gait("heel-toe-slip")
-    sizes = {"leg_length", "leg_com", "heel", "toe"}
-    changes = {f"walker.{name}": value * length for name, value in gait.problem.walker if name in sizes}
-    changes |= {f"walker.{name}": value * mass for name, value in gait.problem.walker if name.endswith("mass")}
-    changes |= {"walker.gravity": gait.problem.walker.gravity * length / time**2}
-    rates = {f"gait.guess.state.{name}": gait.problem.guess.state[name] / time for name in ("dtheta1", "dtheta2")}
-    rates |= {f"gait.guess.durations.{k}": value * time for k, value in enumerate(gait.problem.guess.durations)}
-    other = solve(gait.problem.replace({**changes, **rates}).from_guess())
-    unit = np.array([1, 1, length, length]), np.array([1, 1, length, length]) / time
-    assert other.state / np.concatenate(unit) == pytest.approx(gait.state, abs=1e-12)
-    assert other.period / time == pytest.approx(gait.period, rel=1e-12)
-    assert other.multipliers == pytest.approx(gait.multipliers, abs=1e-11)
-
-
-@pytest.mark.slow
-def test_renumbered_contacts_and_one_that_never_touches_change_nothing() -> None:
-    class Renumbered(HeelToe):
-        model = "renumbered"
-        contacts = ("swing_toe", "toe", "swing_heel", "heel", "knee", "other_knee")
-        exchanged_contacts = {**HeelToe.exchanged_contacts, "knee": "other_knee"}  # noqa: RUF012
-
-        @classmethod
-        def mechanism(cls, q, p):
-            stated = super().mechanism(q, p)
-            hip, shank = stated.bodies[1].position, p.leg_length - p.leg_com / 4
-            knees = {"knee": hip - polar(shank, q.theta1), "other_knee": hip - polar(shank, -q.theta2)}
-            known = {**stated.contacts, **{name: Contact(position=point) for name, point in knees.items()}}
-            return replace(stated, contacts={name: known[name] for name in cls.contacts})
-
-    gait = contact_gait("heel-toe-slip")
-    text = gait.problem.text.replace("heel_toe", "renumbered")
-    other = solve(parse_problem(text, walkers=[Renumbered]))
-    assert other.state == pytest.approx(gait.state, abs=1e-12)
-    assert other.multipliers == pytest.approx(gait.multipliers, abs=1e-11)
-    assert verify(other).passed
 
 
 @pytest.mark.slow

@@ -15,12 +15,11 @@ from scipy.interpolate import CubicSpline
 import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import multiplier_distance
-from gaitopt.gait.measures import observe
 from gaitopt.model.modes import Mode
 from gaitopt.systems import build_system, problem_dynamics
 
 Array = NDArray[np.float64]
-STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
+STICK = Mode.STICK
 VIRTUAL = radians(3)
 NAMES = ("compass-shaped", "torso-upright", "compass-table")
 TABLE = np.radians([-6, -4, 0, 5, 9, 11, 11, 9, 8])
@@ -69,8 +68,8 @@ def oracle_of(name: str) -> tuple[Oracle, Callable[[Array, Array, float], Array]
 
 
 @cache
-def step_by_hand(name: str) -> tuple[Array, Array, Array, Array, float]:
-    """State after one sticking step, force ratio at its start and end, impulse ratio and length of the step."""
+def step_by_hand(name: str) -> tuple[Array, float, float]:
+    """State after one sticking step, impulse ratio and length of the step."""
     gait, (oracle, motors) = named(name), oracle_of(name)
     n = len(gait.problem.walker.shape)
     W = np.eye(n + 2)[n:]
@@ -86,8 +85,7 @@ def step_by_hand(name: str) -> tuple[Array, Array, Array, Array, float]:
         return np.concatenate([dq, accelerations(q, dq, t)[:-2]])
 
     start = np.concatenate([gait.state[:n], [0, 0], gait.state[n + 1 : -1], [0, 0]])
-    path = solve_ivp(flow, (0, gait.period), start, method="DOP853", rtol=1e-12, atol=1e-13, t_eval=[0, gait.period])
-    forces = [accelerations(*np.split(y, 2), t)[-2:] for t, y in zip(path.t, path.y.T, strict=True)]
+    path = solve_ivp(flow, (0, gait.period), start, method="DOP853", rtol=1e-12, atol=1e-13)
     q, dq = np.split(path.y[:, -1], 2)
     foot = oracle.swing_foot.jacobian(q)
     impulse = -np.linalg.solve(foot @ np.linalg.solve(oracle.M(q), foot.T), foot @ dq)
@@ -95,7 +93,7 @@ def step_by_hand(name: str) -> tuple[Array, Array, Array, Array, float]:
     length, height = oracle.swing_foot.position(q)
     assert height == pytest.approx(0, abs=1e-9)
     state = np.concatenate([[-q[1], -q[0]], q[2:n], [-dq[1], -dq[0]], dq[2:n]])
-    return state, *(f[0] / f[1] for f in (*forces, impulse)), length
+    return state, impulse[0] / impulse[1], length
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -104,17 +102,10 @@ def test_every_claim_is_confirmed(name: str) -> None:
     assert [claim for claim in verification(name).claims if not claim.passed] == []
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_both_engines_confirm_every_claim(name: str) -> None:
-    pytest.importorskip("heyoka")
-    assert go.verify(named(name), engine="heyoka").passed
-
-
 @pytest.mark.portable
 @pytest.mark.parametrize("name", NAMES)
 def test_the_gait_repeats_itself_under_newtons_law_by_hand(name: str) -> None:
-    gait, (state, _, _, ratio, length) = named(name), step_by_hand(name)
+    gait, (state, ratio, length) = named(name), step_by_hand(name)
     n = len(gait.problem.walker.shape)
     assert state == pytest.approx(np.concatenate([gait.state[:n], gait.state[n + 1 : -1]]), abs=1e-9)
     assert abs(ratio) == pytest.approx(gait.measures["impulse_ratio"], abs=1e-9)
@@ -134,33 +125,9 @@ def test_the_shaped_gait_is_the_passive_one() -> None:
     assert multiplier_distance(shaped.multipliers, passive().multipliers) < 1e-9
 
 
-def test_the_ground_carries_the_difference_of_the_weights() -> None:
-    """The masses accelerate alike, so that forces differ by M (g_virtual - g)."""
-    shaped, unforced = (observe(gait.arcs[0]) for gait in (named("compass-shaped"), passive()))
-    weight = float(named("compass-shaped").system.weight(named("compass-shaped").p))
-    difference = weight * np.array([[sin(VIRTUAL), 1 - cos(VIRTUAL)]] * 2)
-    assert shaped.force[[0, -1]] - unforced.force[[0, -1]] == pytest.approx(difference, abs=1e-7)
-
-
 def test_the_motors_do_the_work_of_virtual_gravity() -> None:
     """The impact takes from both gaits the same energy, so that the cost of transport is the virtual inclination."""
     assert named("compass-shaped").measures["cost_of_transport"] == pytest.approx(sin(VIRTUAL), abs=1e-10)
-
-
-@pytest.mark.slow
-@pytest.mark.portable
-def test_the_shaped_compass_slips_backward_first_below_the_known_friction() -> None:
-    """Just before the impact: required friction of the gait, Newton's law by hand, and a family in the friction."""
-    shaped, (_, _, ratio, _, _) = named("compass-shaped"), step_by_hand("compass-shaped")
-    required = shaped.measures["required_friction"]
-    assert required == pytest.approx(0.3411, abs=5e-5)
-    assert ratio == pytest.approx(required, abs=1e-9)  # positive: the ground pushes the foot forward
-    branch = go.continuation(shaped, "friction", to=0.33)
-    (change,) = (special for special in branch.specials if special.type == "mode_change")
-    assert change.value == pytest.approx(required, abs=1e-8)
-    slippery = branch.points[-1].gait
-    assert [mode for mode, _ in slippery.phases] == [STICK, BACKWARD]
-    assert abs(slippery.period - shaped.period) > 1e-5  # slipping ends the symmetry
 
 
 def test_with_a_motor_too_few_there_is_no_symmetry() -> None:
@@ -214,29 +181,3 @@ def test_the_motor_of_a_joint_without_a_set_point_is_off() -> None:
 
 
 # the torso
-
-
-@pytest.mark.slow
-@pytest.mark.portable
-def test_the_impact_of_the_upright_walker_slips_first() -> None:
-    """The foot lands flat, five times as fast forward as down: the impact needs more friction than any phase."""
-    gait, (_, start, _, impulse, _) = named("torso-upright"), step_by_hand("torso-upright")
-    needed = gait.measures["impulse_ratio"]
-    assert needed == pytest.approx(0.2008, abs=5e-5)
-    assert impulse == pytest.approx(-needed, abs=1e-9)  # the ground holds back a foot that moves forward
-    assert gait.measures["required_friction"] == pytest.approx(0.1936, abs=5e-5)
-    assert start == pytest.approx(-gait.measures["required_friction"], abs=1e-9)
-    branch = go.continuation(gait, "friction", to=0.15)
-    change, _ = branch.specials
-    assert (change.type, change.value) == ("impact_change", pytest.approx(needed, abs=1e-8))
-    slippery = branch.points[-1].gait
-    assert slippery.steps[-1].impact.mode is FORWARD
-    assert slippery.spectral_radius < 0.5
-    assert go.verify(slippery).passed
-
-
-def test_the_upright_walker_recovers_from_pushes() -> None:
-    gait = named("torso-upright")
-    walk = go.simulate(gait, {"dtheta1": 1.2 * gait.to_record()["state"]["dtheta1"], "torso": 0.1}, steps=40)
-    assert walk.trajectory.ending == "completed"
-    assert walk.trajectory.section_states[-1] == pytest.approx(gait.state, abs=1e-8)

@@ -1,7 +1,5 @@
 """Gaits that repeat themselves after several steps: from the file to the multipliers, by both methods."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -16,8 +14,6 @@ T, F = Mode.STICK, Mode.SLIP_FORWARD
 NAME = "compass-passive-two-step"
 ONE = {"phases": ["stick"], "impact": "stick"}
 TWICE = {"gait.steps": [ONE, ONE]}
-DOUBLING = np.deg2rad(5.34641438276)
-"""Slope at which the sticking gait at friction 0.6 doubles its period."""
 
 
 @pytest.fixture(scope="module")
@@ -43,12 +39,6 @@ def test_multipliers_are_those_of_the_return_map_applied_twice(gait):
     assert multiplier_distance(floquet_multipliers(product), gait.multipliers) < 1e-8
 
 
-def test_a_deviation_is_multiplied_by_the_largest_multiplier_from_cycle_to_cycle(gait):
-    walk = go.simulate(gait, {"theta1": float(gait.state[0]) + 1e-5}, steps=24)
-    apart = np.linalg.norm(walk.trajectory.section_states[::2] - gait.state, axis=1)
-    assert apart[12] / apart[11] == pytest.approx(gait.spectral_radius, rel=1e-3)
-
-
 def test_measures_are_of_the_whole_cycle(gait):
     periods = [step.period for step in gait.steps]
     assert gait.measures["period"] == pytest.approx(sum(periods), rel=1e-14)
@@ -65,16 +55,6 @@ def test_a_one_step_gait_stated_twice_has_its_multipliers_squared():
     assert twice.period == pytest.approx(2 * once.period, abs=1e-11)
     assert twice.message == "solved; the cycle of 2 steps repeats itself after every step"
     assert (once.message, once.repeats_after, twice.repeats_after) == ("solved", 1, 1)
-
-
-@pytest.mark.slow
-def test_the_family_of_two_steps_is_born_at_the_period_doubling(gait):
-    points = go.continuation(gait, "walker.slope", np.deg2rad(5.35), verify_every=0).points
-    slopes = np.array([point.value for point in points])
-    lengths = np.array([[step.impact.step_length for step in point.gait.steps] for point in points])
-    squared = (lengths[:, 0] - lengths[:, 1]) ** 2  # grows linearly from the doubling on
-    slope, offset = np.polyfit(slopes[-3:], squared[-3:], 1)
-    assert -offset / slope == pytest.approx(DOUBLING, abs=np.deg2rad(1e-3))
 
 
 def test_each_step_changes_its_own_modes(gait):
@@ -100,22 +80,6 @@ def test_phases_are_counted_through_the_steps():
     assert [cycle.impact_before(k) for k in range(4)] == [T, None, F, None]
     assert [cycle.onset_order(k) for k in (1, 2)] == [2, 0]
     assert str(cycle) == "stick, slip_forward; slip_forward | slip_forward, stick; stick"
-
-
-@pytest.mark.slow
-def test_the_record_has_every_step(run, empty_folder, gait):
-    code, out, _ = run("solve", NAME, "--json")
-    assert code == 0
-    record = json.loads(out)
-    assert record["n_steps"] == 2
-    assert record["period"] == pytest.approx(sum(step["period"] for step in record["steps"]), rel=1e-14)
-    assert [step["impact"] for step in record["steps"]] == ["stick", "stick"]
-    assert record["steps"][0]["state"] == record["state"]
-    code, out, _ = run("verify", record["run"], "--json")
-    assert code == 0
-    assert json.loads(out)["n_steps"] == 2
-    code, out, _ = run("plot", record["run"], "--what", "force")
-    assert code == 0
 
 
 def test_one_step_keeps_its_keys():

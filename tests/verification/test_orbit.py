@@ -13,7 +13,6 @@ from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import build_system
@@ -103,35 +102,3 @@ def test_other_kind_of_impact_is_off_the_section() -> None:
 def test_stalled_newton_is_not_called_a_fixed_point() -> None:
     """Below the friction that its impact needs there is no sticking gait to converge to."""
     assert not wheel(0.2).fixed_point(np.array([0.75])).converged
-
-
-GARCIA = np.array([-0.200310900544287, 0.199832473004977, -0.199832473004977 * cos(2 * 0.200310900544287)])
-"""The simplest walker on a slope of 0.009 (Garcia et al. 1998), feet without mass, after its impact."""
-
-
-@pytest.mark.parametrize(("foot_mass", "hip_mass"), [(1e-6, 1.0), (1e-9, 1.0), (1e-9, 4e6)])
-def test_fixed_point_of_a_walker_with_very_light_feet_keeps_all_digits(foot_mass: float, hip_mass: float) -> None:
-    system = HybridSystem(CompassBiped, NoControl())
-    simulator = Simulator(Dynamics(system, np.array([1, foot_mass, 1e-6, hip_mass, 1, 0.009, 2.0])))
-    point = ReturnMap(simulator, Mode.STICK).fixed_point(GARCIA)
-    assert point.converged
-    assert point.residual < 1e-12
-    assert point.xi == pytest.approx(GARCIA, abs=5e-6)
-
-
-@pytest.mark.parametrize(("length", "time", "mass"), [(1e3, 1.0, 1e3), (1.0, 1e-3, 1e-3), (1e3, 670.0, 1.0)])
-@pytest.mark.parametrize("friction", [0.14, 0.3])
-def test_fixed_point_is_the_same_in_other_units(length: float, time: float, mass: float, friction: float) -> None:
-    system = HybridSystem(CompassBiped, NoControl())
-    points = []
-    for metre, second, kilogram in ((1.0, 1.0, 1.0), (length, time, mass)):
-        gravity = 9.8 * metre / second**2
-        p = np.array([1.6 * metre, 4 * kilogram, 0.8 * metre, 2 * kilogram, gravity, radians(1), friction])
-        mapped = ReturnMap(Simulator(Dynamics(system, p)), Mode.STICK)
-        point = mapped.fixed_point(np.array([-0.1478, 0.7328 / second, -0.5007 / second]))
-        assert point.converged
-        units = np.array([1, 1 / second, 1 / second])
-        periods = [duration / second for _, duration in point.cycle.steps[0].phases]
-        points.append((point.xi / units, floquet_multipliers(point.jacobian), periods))
-    for first, second_units in zip(*points, strict=True):
-        np.testing.assert_allclose(second_units, first, rtol=0, atol=1e-10)

@@ -78,21 +78,6 @@ def test_limits_can_be_free(gait: go.Gait) -> None:
     assert problem.with_fixed({"control.limits.hip": 0.25}).parameters["control.limits.hip"] == 0.25
 
 
-def test_wide_limits_change_nothing(gait: go.Gait) -> None:
-    text = damped_text().replace("damping: 0.01", "damping: 0.01, limits: {hip: 100}")
-    limited = go.solve(go.parse_problem(text, controls=[HipDamper]), progress=False)
-    np.testing.assert_allclose(limited.state, gait.state, rtol=1e-6, atol=1e-12)
-
-
-@pytest.mark.slow
-def test_workers_sweep_a_parameter(gait: go.Gait, tmp_path: Path) -> None:
-    swept = go.sweep(
-        damped(), {"control.damping": (0.01, 0.012, 2)}, workers=2, output=tmp_path / "sweep", progress=False
-    )
-    assert swept.column("period")[0] == pytest.approx(gait.period, rel=1e-9)
-    assert np.isfinite(swept.column("period")).all()
-
-
 def test_pickles_name_the_class(gait: go.Gait) -> None:
     problem = pickle.loads(pickle.dumps(damped()))  # noqa: S301 - our own
     assert problem.control == HipDamper(damping=0.01)
@@ -123,10 +108,6 @@ def test_figures_and_pages_show_the_gait(gait: go.Gait) -> None:
     assert max(drawn) == pytest.approx(np.abs(braked).max(), rel=1e-2)
     assert gait.to_record()["control"] == {"damping": 0.01}
     assert "hip_damper" in go.report(gait).text
-
-
-def test_explain_knows_the_law(gait: go.Gait) -> None:
-    assert go.explain(damped(), progress=False).exists
 
 
 @pytest.mark.slow

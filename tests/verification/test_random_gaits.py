@@ -144,12 +144,6 @@ def test_some_random_gaits_are_not_refused(name: str) -> None:
     assert count_judged(variants(name, seed=1), 3) == 3
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-b"])
-def test_some_random_gaits_on_slippery_ground_are_not_refused(name: str) -> None:
-    assert count_judged(slippery_variants(name, seed=1), 3) >= 2
-
-
 @pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-b", "rimless-wheel-slip", "compass-push-off"])
 def test_differences_see_wrong_multipliers(name: str) -> None:
     """The judge of the other tests would notice a multiplier that is wrong."""

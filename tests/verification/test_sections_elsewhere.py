@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pytest
-from casadi import SX, cos, sin
+from casadi import SX, sin
 from named import named
 from pydantic import Field
 
@@ -28,7 +28,6 @@ from gaitopt.model.mechanism import Mechanism
 from gaitopt.model.units import Finite
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.heel_toe import HeelToe
-from gaitopt.model.walkers.slip_runner import SlipRunner
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
 from gaitopt.problem.problem import Problem, parse_problem
 from gaitopt.problem.statement import problem_data
@@ -48,20 +47,6 @@ class MidCompass(CompassBiped):
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
         """That of the compass."""
         return replace(super().mechanism(q, p), sections={"middle": lambda dq: -q.theta1})
-
-
-class ApexRunner(SlipRunner):
-    """The runner on a massless leg, with a margin that falls to zero where its body is highest."""
-
-    model = "apex_runner"
-    sections = ("apex",)
-
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """That of the runner; the foot on the ground, or the last one that was, is where (x, y) is."""
-        leg = p.leg_length - q.shortening
-        rise = {"apex": lambda dq: -dq.shortening * cos(q.theta) - leg * dq.theta * sin(q.theta)}
-        return replace(super().mechanism(q, p), sections=rise)
 
 
 class HipClock(Control):
@@ -199,19 +184,6 @@ def test_a_free_clock_entrains_a_gait_wherever_its_period_begins() -> None:
     assert second.scalar("step_length") == pytest.approx(first.scalar("step_length"), rel=1e-10)
 
 
-def test_a_runner_has_the_same_multiplier_from_apex_to_apex() -> None:
-    data, plain = problem_data(named("slip-run").problem), named("slip-run")
-    state = {"theta": 0.5145, "shortening": -0.074, "dtheta": 1.0027, "dshortening": -0.6088}
-    phases = ["flight", {"mode": "stick", "impact": "stick"}, "flight"]
-    data["gait"] = {"section": {"margin": "apex"}, "phases": phases, "guess": {"state": state}}
-    data["walker"]["model"] = ApexRunner.model
-    gait = go.solve(parse_problem(json.dumps(data), walkers=[ApexRunner]), progress=False)
-    assert gait.converged, gait.message
-    assert gait.scalar("period") == pytest.approx(plain.scalar("period"), rel=1e-11)
-    np.testing.assert_allclose(gait.multipliers, [*plain.multipliers, 0.0], atol=1e-10)
-    assert go.verify(gait).passed
-
-
 def heel_toe_pair(name: str) -> tuple[Gait, Gait]:
     """The gait of a named problem on heels and toes, from mid-stance to mid-stance and from landing to landing."""
     gait, plain = go.solve(rolling(name), progress=False), named(name)
@@ -234,35 +206,6 @@ def test_feet_with_several_contacts_swap_within_a_cycle() -> None:
     assert [entry["of"] for entry in impacts] == [["swing_heel"], ["toe"]] * 2
     assert impacts[0]["impact"] == others[1]["impact"]
     assert impacts[0]["impulse"]["swing_heel"] == pytest.approx(others[1]["impulse"]["swing_heel"], rel=1e-9)
-
-
-@pytest.mark.slow
-def test_heels_and_toes_have_the_same_family_wherever_their_cycle_begins(tmp_path: Path) -> None:
-    for name in ("heel-toe", "heel-toe-impact-slip"):
-        assert go.verify(heel_toe_pair(name)[0]).passed
-    pair = heel_toe_pair("heel-toe-slip")
-    found = [
-        [
-            (special.type, special.contact, round(special.value, 7))
-            for target in (0.3, 0.25)
-            for special in go.continuation(start, "friction", to=target, progress=False).specials
-        ]
-        for start in pair
-    ]
-    assert found[0] == found[1]
-    assert [kind for kind, *_ in found[0]] == ["mode_change", "end", "impact_change", "end"]
-    go.solve(rolling("heel-toe"), output=tmp_path / "gait", progress=False)
-    stored = go.load_run(tmp_path / "gait", walkers=[MidHeelToe])
-    assert stored.cycle == rolling("heel-toe").cycle
-    section = pair[0].system.section(pair[0].cycle)
-    xi = pair[0].state[section.indices] * np.linspace(1, 1.001, 3)[:, None]
-    one_by_one = ReturnMap(Simulator(pair[0].dynamics), section, 1, pair[0].state)
-    for engine in ("scipy", "heyoka"):
-        if engine == "heyoka":
-            pytest.importorskip("heyoka")
-        returned = go.return_map(pair[0], xi, engine=engine)
-        assert [returned.sequence(row) for row in range(3)] == [pair[0].cycle.phases] * 3
-        np.testing.assert_allclose(returned.states, [one_by_one(row).xi for row in xi], atol=1e-10)
 
 
 def test_a_cycle_of_two_steps_from_mid_stride_to_mid_stride_is_that_from_landing_to_landing() -> None:
@@ -368,18 +311,6 @@ def test_a_landing_at_the_start_of_the_cycle_or_in_an_unknown_word_is_refused_wi
         data["gait"]["phases"] = [phase, "slip_backward", SLIP, "stick"]
         with pytest.raises(ProblemError, match=words):
             parse_problem(json.dumps(data), walkers=[MidCompass])
-
-
-@pytest.mark.slow
-def test_walks_settle_on_the_stable_gait_from_mid_stride_to_mid_stride() -> None:
-    gait = go.solve(mid_stride(), progress=False)
-    found = go.attractors(
-        mid_stride(), over={"friction": (0.139, 0.14, 2)}, starts=2, transient=60, keep=6, workers=1, progress=False
-    )
-    (run,) = found.records[1]["attractors"]
-    assert (run["period_steps"], run["starts"]) == (1, 2)
-    assert run["states"][0] == pytest.approx(gait.state, abs=1e-6)
-    assert run["lyapunov"] == pytest.approx(np.log(gait.spectral_radius), abs=1e-7)
 
 
 @pytest.mark.slow

@@ -50,13 +50,6 @@ def test_closed_loop_multipliers_are_those_of_the_linearised_map_and_of_the_salt
     np.testing.assert_allclose(gait.state, opened.state, atol=1e-11)
 
 
-def test_deadbeat_control_makes_a_power_of_the_map_vanish():
-    known, opened = closed("deadbeat").system.control.step_feedback.known, named(NAME)
-    linear = go.return_map_derivatives(opened, known.keys)
-    A = linear.A + linear.B @ known.gains
-    assert np.abs(np.linalg.matrix_power(A, len(A))).max() < 1e-9 * np.abs(linear.A).max() ** len(A)
-
-
 def test_a_gait_with_feedback_is_verified_and_walks_from_beside_it():
     gait = closed("lqr")
     assert go.verify(gait).passed
@@ -195,18 +188,6 @@ def test_a_cycle_of_two_steps_is_corrected_once():
     assert hips[0] == hips[1] != hips[2]
     with pytest.raises(go.GaitoptError, match="acts once per cycle of 2 steps"):
         go.return_map(gait, [gait.state[gait.system.section(gait.cycle).indices]])
-
-
-@pytest.mark.slow
-def test_the_robot_takes_feedback_on_the_points_of_its_curves():
-    keys = ["control.reference.swing_hip.3", "control.reference.swing_knee.3"]
-    opened = named("rabbit-hzd")
-    gait = go.solve(with_feedback({"design": "lqr", "corrects": keys}, "rabbit-hzd"), progress=False)
-    linear = go.return_map_derivatives(opened, keys)
-    by_gains = floquet_multipliers(linear.A + linear.B @ gait.system.control.step_feedback.known.gains)
-    assert multiplier_distance(gait.multipliers, by_gains) < 1e-6
-    assert gait.spectral_radius < opened.spectral_radius
-    assert go.verify(gait).passed
 
 
 def test_the_sensitivity_norm_is_that_of_the_closed_loop():

@@ -13,7 +13,6 @@ from named import named
 
 import gaitopt as go
 from gaitopt import Cycle, Gait, Problem
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.requests import Method
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.mesh import mesh_of
@@ -128,15 +127,6 @@ def test_gait_on_a_virtual_constraint_does_not_depend_on_its_gains():
 
 
 @pytest.mark.slow
-def test_virtual_constraint_with_a_rate_of_a_thousand_per_second_is_solved():
-    gait = named("compass-virtual-constraint")
-    stiff = go.solve(gait.problem.replace({"control.gains.kp": 1e6, "control.gains.kd": 2e3}))
-    assert stiff.converged, stiff.message
-    assert stiff.state == pytest.approx(gait.state, abs=1e-9)
-    assert go.verify(stiff).passed
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "g"),
     [
@@ -160,38 +150,6 @@ def test_gait_that_the_simulator_confirms_is_solved_verified_and_continued(name,
     assert family.points[-1].value > friction
     assert not [special for special in family.specials if special.type == "end" and "bound" in special.reason]
     assert all(point.gait.verification["passed"] for point in family.points)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("gains", [{"control.kp": 800.0, "control.kd": 80.0}, {"control.kp": 1500.0}])
-def test_stiff_rabbit_is_solved_from_the_fixed_point_that_the_simulator_finds(gains):
-    gait = named("rabbit-tracked")
-    section, xi = gait.system.section(gait.problem.cycle), gait.state[gait.system.section(gait.problem.cycle).indices]
-    dynamics = gait.dynamics.at(gains)
-    return_map = ReturnMap(Simulator(dynamics), section, 1, gait.state)
-    point = return_map.fixed_point(xi)
-    assert point.residual < 1e-11
-    state = dict(zip(gait.system.state_names, point.cycle.steps[0].arcs[0].states[0], strict=True))
-    problem = replace(gait.problem.replace(gains).with_modes(gait.problem.cycle, state), file=None)
-    solved = solve_gait(problem, gait.system, method=Method.NEWTON)
-    assert solved.converged, solved.message
-    assert go.verify(solved).passed
-
-
-@pytest.mark.slow
-def test_family_of_tracked_rabbit_goes_on_where_its_foot_begins_to_slip():
-    gait = named("rabbit-tracked")
-    family = go.continuation(gait, "friction", to=0.5499)
-    (change,) = family.special("mode_change")
-    assert change.value == pytest.approx(gait.scalar("required_friction"), abs=1e-9)
-    assert family.specials[-1].bound
-    point = next(point for point in family.points if point.value < 0.5569)
-    dynamics = Dynamics(gait.system, point.gait.p)
-    section = gait.system.section(gait.problem.cycle)
-    fixed = ReturnMap(Simulator(dynamics), section, 1, gait.state).fixed_point(gait.state[section.indices])
-    modes = [mode for mode, _ in fixed.cycle.steps[0].phases]
-    assert [*map(str, modes)] == ["stick", "slip_backward", "stick"]
-    assert fixed.xi == pytest.approx(point.gait.state[section.indices], abs=1e-8)
 
 
 @pytest.mark.slow

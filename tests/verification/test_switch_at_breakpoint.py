@@ -88,18 +88,6 @@ def test_the_command_stores_it_and_it_comes_back(files, gait, capsys):
     assert main(["verify", str(run), "--json"]) == 0
 
 
-@pytest.mark.slow
-def test_its_family_changes_where_the_switch_meets_and_leaves_the_breakpoint(gait):
-    down, up = (go.continuation(gait, "friction", to=to, verify_every=4) for to in (0.125, 0.16))
-    for branch, value in ((down, 0.13078), (up, 0.15538)):
-        special, end = branch.specials
-        assert (special.type, special.status, end.type) == ("mode_change", "converged", "end")
-        assert special.value == pytest.approx(value, abs=1e-4)
-        assert special.before.timed == (1,)
-        assert special.after == special.before.untimed
-        assert branch[-1].gait.timed == ()
-
-
 @pytest.mark.parametrize(
     ("weight", "within", "best"),
     [(-1, (0.14, 0.165), 0.165), pytest.param(1, (0.125, 0.16), 0.125, marks=pytest.mark.slow)],
@@ -113,14 +101,4 @@ def test_a_design_moves_the_switch_off_its_breakpoint(files, weight, within, bes
     assert design.converged, design.message
     assert design.freed["friction"] == pytest.approx(best, abs=1e-6)
     assert design.timed == ()
-    assert go.verify(design).passed
-
-
-@pytest.mark.slow
-def test_a_design_keeps_its_margins_on_both_sides_of_the_jump(files):
-    text = TRACKED.replace("kp: 20", "kp: {free: [16, 24], guess: 20}") + "objective: {speed: -1}\n"
-    (files / "design.yaml").write_text(text)
-    design = go.solve(go.load_problem(files / "design.yaml"))
-    assert design.converged, design.message
-    assert design.timed == (1,)
     assert go.verify(design).passed

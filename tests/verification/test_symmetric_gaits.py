@@ -133,11 +133,3 @@ def test_a_symmetric_sled_goes_on_where_both_halves_of_its_cycle_change_at_once(
             last = branch.points[-1].gait
             assert last.cycle == alone.cycle
             assert last.state == pytest.approx(alone.state, abs=1e-9)
-
-
-@pytest.mark.slow
-def test_ends_of_a_symmetric_inchworm_slip_and_stop_together() -> None:
-    """On level ground, with the same friction at both ends, the hinge only moves up and down."""
-    gait = settled(go.load_problem("inchworm").replace({"walker.slope": 0, "friction.rear": 0.4}), 0.4)
-    assert gait.converged, gait.message
-    assert go.verify(gait).passed

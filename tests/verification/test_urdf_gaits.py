@@ -56,12 +56,6 @@ def test_a_compass_that_was_written_and_read_back_has_the_same_gait(tmp_path):
 
 
 @pytest.mark.slow
-def test_gaits_of_a_robot_that_names_no_section_are_found(tmp_path):
-    gaits = go.find(compass(tmp_path, FROM_URDF), starts=1, progress=False)
-    assert named("compass-passive-a").spectral_radius == pytest.approx(min(g.spectral_radius for g in gaits), abs=1e-9)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rabbit-hzd", "rabbit-hzd-slip"])
 def test_rabbit_of_the_file_has_the_gait_of_the_class(name):
     data = problem_data(go.load_problem(name))
