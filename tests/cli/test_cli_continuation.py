@@ -12,9 +12,8 @@ import pytest
 from gaitopt.branches import continuation as continuer
 from gaitopt.branches.continuation import Continuation
 from gaitopt.cli.main import main
-from gaitopt.errors import StorageError
 from gaitopt.runs.branch import BRANCH_FILE
-from gaitopt.store.files import LineWriter, read_lines
+from gaitopt.store.files import read_lines
 from gaitopt.store.run import Run
 from gaitopt.verification.verify import Outcome, Verification, confirm
 
@@ -109,17 +108,6 @@ def test_finished_branch_is_not_computed_again(run, monkeypatch):
     assert first == second
 
 
-@pytest.mark.slow
-def test_two_targets_start_from_the_same_gait(run):
-    code, out, _ = run(*COMMAND, "--to", "1.1", "--json")
-    assert code == 0
-    ends = [record["value"] for record in records(out) if record.get("type") == "end"]
-    assert ends == pytest.approx([0.8, 1.1])
-    starts = [record for record in records(out) if record["record"] == "point" and record["index"] == 0]
-    assert [start["value"] for start in starts] == pytest.approx([1.0, 0.91411, 1.0], abs=1e-5)
-    assert [start["branch"] for start in starts] == [0, 1, 2]
-
-
 def test_summary_names_branches_and_special_points(run):
     code, out, _ = run(*COMMAND)
     assert code == 0
@@ -172,37 +160,6 @@ def test_folder_of_another_branch_is_left_alone(run):
     assert code == 6
     assert "another branch" in err
     assert (Path("branch") / BRANCH_FILE).read_bytes() == before
-
-
-def test_full_disk_keeps_what_was_found(run, monkeypatch):
-    append, left = LineWriter.append, [4]
-
-    def full(self, record):
-        left[0] -= 1
-        if left[0] < 0:
-            raise StorageError("cannot append: no space left on device; all records before this one are kept")
-        append(self, record)
-
-    monkeypatch.setattr(LineWriter, "append", full)
-    code, _, err = run(*COMMAND)
-    assert code == 6
-    assert "are kept" in err
-    assert len(stored()) == 5
-
-
-def test_interrupt_keeps_what_was_found(run, monkeypatch):
-    append, left = LineWriter.append, [3]
-
-    def interrupted(self, record):
-        append(self, record)
-        left[0] -= 1
-        if left[0] == 0:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(LineWriter, "append", interrupted)
-    code, _, _ = run(*COMMAND)
-    assert code == 130
-    assert len(stored()) == 4
 
 
 @pytest.mark.slow

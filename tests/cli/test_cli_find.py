@@ -48,13 +48,6 @@ def test_a_wrong_box_is_a_usage_error(run, wheel, within):
     assert "within" in err
 
 
-@pytest.mark.slow
-def test_find_takes_a_named_gait_without_its_sequence(run, empty_folder):
-    arguments = ("--within", "dtheta=0.5:1", "--starts", "1", "--workers", "1", "--json", "--quiet")
-    code, out, _ = run("find", "rimless-wheel-stick", *arguments)
-    assert (code, len(json.loads(out)["gaits"])) == (0, 1)
-
-
 def test_show_and_validate_take_an_open_sequence(run, wheel):
     assert "to be found" in run("show", wheel)[1]
     assert run("validate", wheel)[0] == 0
@@ -82,15 +75,6 @@ def test_solve_stores_the_gait_under_the_hash_of_the_open_problem(run, wheel):
 def test_explain_that_has_an_answer_is_exit_0(run, empty_folder):
     code, out, _ = run("explain", "rimless-wheel-stick", "--json", "--quiet")
     assert (code, json.loads(out)["exists"]) == (0, True)
-
-
-@pytest.mark.slow
-def test_explain_prints_cause_gaits_and_nearest_values(run, empty_folder):
-    code, out, _ = run("explain", "rimless-wheel-stick", "--set", "friction=0.8", "--starts", "1", "--workers", "1")
-    assert code == 0
-    assert "needs friction 0.9141, has 0.8" in out
-    assert "begins at friction = 0.91412" in out
-    assert "stick, slip_forward; stick" in out
 
 
 def test_explain_prints_the_cause_and_the_end_of_the_family_without_the_search(run, empty_folder):

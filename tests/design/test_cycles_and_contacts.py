@@ -81,23 +81,6 @@ def test_double_support_that_no_force_brings_about_is_infeasible() -> None:
     assert gait.causes[0].available == pytest.approx(1.0 - slide(1.5)[0], abs=1e-6)
 
 
-@pytest.mark.slow
-def test_feet_that_need_the_least_friction_are_walked_and_have_no_better_neighbours() -> None:
-    free = {
-        "walker.heel": {"free": [0.015, 0.08], "guess": 0.02},
-        "walker.toe": {"free": [0.02, 0.12], "guess": 0.06},
-    }
-    design = go.solve(go.load_problem("heel-toe").replace(free | {"objective": "required_friction"}))
-    least = design.scalar("required_friction")
-    assert go.verify(design).passed
-    assert least < named("heel-toe").scalar("required_friction") - 0.005
-    assert design.freed["walker.heel"] == pytest.approx(0.015)
-    for changed in ({"walker.heel": 0.016}, {"walker.toe": 0.98 * design.freed["walker.toe"]},
-                    {"walker.toe": 1.02 * design.freed["walker.toe"]}):  # fmt: skip
-        neighbour = go.solve(go.load_problem("heel-toe").replace(design.freed | changed))
-        assert neighbour.scalar("required_friction") > least + 1e-5
-
-
 TORQUES = {
     "control": {"type": "constant_torque", "ankle": {"free": [-5, 5], "guess": 0.45},
                 "hip": {"free": [-5, 5], "guess": 0.12}},
@@ -110,16 +93,6 @@ def legs(other: float, **changes: Any) -> go.Gait:
     """Constant torques that walk with a second leg of another mass, over two steps."""
     guess = {"gait.guess.state": START, "walker.other_leg_mass": other}
     return go.solve(go.load_problem("compass-unequal").replace(TORQUES | guess | changes))
-
-
-@pytest.mark.slow
-def test_equal_legs_are_designed_over_two_steps_as_over_one() -> None:
-    phases = {"phases": ["stick"], "impact": "stick", "guess": {"state": START}}
-    one = go.solve(go.load_problem("compass-passive-stick").replace(TORQUES | {"gait": phases}))
-    two = legs(4.0)
-    assert two.freed == pytest.approx(one.freed, abs=1e-11)
-    assert two.scalar("cost_of_transport") == pytest.approx(one.scalar("cost_of_transport"), abs=1e-14)
-    assert two.scalar("step_length") == pytest.approx(2 * one.scalar("step_length"), abs=1e-12)
 
 
 @pytest.mark.slow
@@ -138,15 +111,6 @@ def test_curves_designed_over_two_steps_are_those_of_one() -> None:
 @pytest.fixture(scope="module")
 def unequal() -> go.Gait:
     return legs(4.4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("shift", [0.002, 0.01])
-def test_no_other_hip_torque_is_cheaper_with_unequal_legs(unequal: go.Gait, shift: float) -> None:
-    ankle = {"type": "constant_torque", "ankle": TORQUES["control"]["ankle"]}
-    other = legs(4.4, control=ankle | {"hip": unequal.freed["control.hip"] + shift}, objective=None)
-    assert other.scalar("speed") == pytest.approx(0.4, abs=1e-9)
-    assert other.scalar("cost_of_transport") > unequal.scalar("cost_of_transport") + 1e-8
 
 
 def test_a_design_of_two_steps_is_walked_by_the_simulator(unequal: go.Gait) -> None:

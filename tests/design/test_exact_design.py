@@ -179,12 +179,6 @@ def test_remainder_where_the_power_touches_zero_bends_by_a_root(d):
     assert r[2] == pytest.approx(2 / np.sqrt(deep) if deep else 0.0, rel=1e-9, abs=1e-12)
 
 
-def test_contradicting_constraints_have_no_solution():
-    assert (
-        quadratic_program(np.eye(2), np.zeros(2), np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([-1.0, -1.0])) is None
-    )
-
-
 @pytest.mark.parametrize("depth", [1e-4, 1e-8, 1e-11])
 def test_a_dip_through_zero_between_the_points_of_the_grid_is_seen(depth):
     s = curves.points(33)

@@ -79,14 +79,6 @@ def test_its_law_can_be_followed_to_another_friction(compass, tmp_path):
     np.testing.assert_array_equal(stored.state, last.gait.state)
 
 
-@pytest.mark.slow
-def test_a_stored_branch_of_a_design_has_the_values_of_the_design(tmp_path):
-    design = named("compass-torque-efficient")
-    stored = go.continuation(design, "friction", to=0.125, output=tmp_path / "run").points[-1].gait
-    assert {key: stored.freed[key] for key in design.freed} == design.freed
-    assert stored.dynamics.parameter("friction") == pytest.approx(0.125)
-
-
 def test_a_phase_that_vanishes_at_the_optimum_is_named():
     gait = go.solve(go.parse_problem(COMPASS.replace("cost_of_transport", "torque_squared")), progress=False)
     assert not gait.converged
@@ -171,16 +163,6 @@ def test_absolute_work_is_found_with_bounds_on_power_that_are_tight():
 
 
 @pytest.mark.slow
-def test_the_robot_walks_with_a_quarter_of_the_absolute_work():
-    changes = {"objective": "absolute_cost_of_transport", "constraints.clearance": {"min": 0.02}}
-    gait = go.solve(go.load_problem("rabbit-optimal").replace(changes), progress=False)
-    assert gait.converged, gait.message
-    assert gait.measures["absolute_cost_of_transport"] < 0.06  # 0.2188 with the least squared torques
-    assert gait.solver["kkt"] < 1e-8
-    assert go.verify(gait).passed
-
-
-@pytest.mark.slow
 def test_an_open_mode_sequence_leads_to_a_verified_optimum():  # not the best: a slip costs 0.4 % less
     gait = go.solve(go.parse_problem(COMPASS).replace({"gait.phases": "auto"}), progress=False)
     assert gait.converged, gait.message
@@ -255,15 +237,6 @@ def test_a_speed_beyond_the_torque_limits_says_how_far_one_gets():
     assert "constraints.speed: speed = 2 conflicts with" in gait.message
     assert "control.bounds.hip" in gait.message
     assert "best reached" in gait.message
-
-
-@pytest.mark.slow
-def test_a_fast_robot_stays_upright_and_in_the_friction_cone_between_the_points():
-    gait = go.solve(go.load_problem("rabbit-optimal").replace({"constraints.speed": 1.6}), progress=False)
-    assert gait.converged, gait.message
-    assert gait.scalar("speed") == pytest.approx(1.6, rel=1e-7)
-    assert gait.scalar("required_friction") == pytest.approx(0.6, abs=1e-6)
-    assert go.verify(gait).passed
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from casadi import SX, cos, vertcat
 from casadi import sin as sine
-from combined_walkers import Pogo
 
 import gaitopt as go
 from gaitopt import Walker
@@ -38,17 +37,6 @@ class DrivenHeelToe(HeelToe):
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
         return replace(super().mechanism(q, p), motors=(q.theta1, q.theta1 + q.theta2))
-
-
-class DrivenPogo(Pogo):
-    """The pogo stick whose sliding mass is driven."""
-
-    model = "driven_pogo"
-    actuators = ("slide_motor",)
-
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        return replace(super().mechanism(q, p), motors=(q.slide,))
 
 
 class TowedRunner(Walker):
@@ -157,28 +145,11 @@ gait:
 objective: torque_squared
 constraints: {speed: 0.55, required_friction: {max: 0.5}, min_normal_force: {min: 1}}
 """
-POGO = """
-name: pogo
-walker: {model: driven_pogo, leg_length: 1, body_mass: 8, slider_mass: 2, leg_stiffness: 4000, slider_stiffness: 1250,
-  thrust: 60, gravity: 9.81}
-friction: 0.5
-control: {type: open_loop, intervals: 6}
-gait:
-  phases:
-    - {mode: {toe: stick}, slider: free, thrust: off}
-    - {mode: {toe: stick}, slider: free, thrust: on}
-    - {mode: {}, slider: free, thrust: on}
-    - {mode: {}, slider: locked, thrust: on}
-  impact: {toe: stick}
-  guess: {state: {dy: -1.4, dx: 0}}
-objective: torque_squared
-constraints: {period: 0.45}
-"""
 
 
 def optimum(text: str) -> go.Gait:
     """The verified optimum of a problem."""
-    walkers = [TowedRunner, DrivenHopper, DrivenHeelToe, DrivenPogo]
+    walkers = [TowedRunner, DrivenHopper, DrivenHeelToe]
     gait = go.solve(go.parse_problem(text, walkers=walkers), progress=False)
     assert gait.converged, gait.message
     assert go.verify(gait).passed
@@ -203,7 +174,7 @@ def test_a_tow_does_the_work_of_a_runner_against_gravity() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("text", [LIMPING, RUNNER, HOPPER, HEEL_TOE, POGO], ids=lambda text: text.split()[1])
+@pytest.mark.parametrize("text", [LIMPING, RUNNER, HOPPER, HEEL_TOE], ids=lambda text: text.split()[1])
 def test_no_better_neighbour_of_the_optimum_is_found(text: str) -> None:
     searched = neighbourhood(optimum(text), directions=8)
     assert searched.optimal, searched.words

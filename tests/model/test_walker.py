@@ -4,17 +4,14 @@ import math
 
 import numpy as np
 import pytest
-from oracles import CASES, COMPASS, TORSO, WHEEL, TorsoCompass
+from oracles import CASES, COMPASS, TorsoCompass
 from pydantic import ValidationError
 
-from gaitopt import Cycle, Mode, ModeSequence, Walker
+from gaitopt import Cycle, Mode, ModeSequence
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.registry import registered_walkers
 from gaitopt.model.units import parse_angle
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
-
-WALKERS = {RimlessWheel: WHEEL, CompassBiped: COMPASS, TorsoCompass: TORSO}
 
 
 def test_state_is_named_shape_then_foot_then_their_rates() -> None:
@@ -27,58 +24,6 @@ def test_section_has_the_slip_velocity_only_where_the_impact_slips() -> None:
     assert RimlessWheel.section_names(slipping=True) == ("dtheta", "dx")
     assert CompassBiped.section_names(slipping=False) == ("theta1", "dtheta1", "dtheta2")
     assert TorsoCompass.section_names(slipping=False) == ("theta1", "torso", "dtheta1", "dtheta2", "dtorso")
-
-
-def test_built_in_walkers_are_registered_by_their_model() -> None:
-    assert registered_walkers()["compass_biped"] is CompassBiped
-    assert registered_walkers()["rimless_wheel"] is RimlessWheel
-    assert all(walker.model == name for name, walker in registered_walkers().items())
-
-
-def positive_parameters() -> list[tuple[type[Walker], str]]:
-    signed = {"slope", "spokes", "inertia_ratio", "hip_mass"}
-    return [(walker, name) for walker in WALKERS for name in walker.model_fields if name not in signed]
-
-
-@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "1", True, None])
-@pytest.mark.parametrize(("walker", "name"), positive_parameters())
-def test_masses_lengths_and_gravity_are_finite_positive_numbers(walker: type[Walker], name: str, value: object) -> None:
-    with pytest.raises(ValidationError) as caught:
-        walker(**{**WALKERS[walker], name: value})
-    assert caught.value.errors()[0]["loc"] == (name,)
-
-
-@pytest.mark.parametrize(
-    ("walker", "name", "value"),
-    [
-        (RimlessWheel, "spokes", 2),
-        (RimlessWheel, "spokes", 4.5),
-        (RimlessWheel, "inertia_ratio", -0.1),
-        (RimlessWheel, "inertia_ratio", 1.1),
-        (RimlessWheel, "inertia_ratio", math.nan),
-        (RimlessWheel, "slope", math.pi / 2),
-        (CompassBiped, "hip_mass", -1.0),
-        (CompassBiped, "slope", "1 degree"),
-        (CompassBiped, "slope", math.nan),
-        (TorsoCompass, "slope", -math.pi / 2),
-    ],
-)
-def test_impossible_geometry_is_refused(walker: type[Walker], name: str, value: object) -> None:
-    with pytest.raises(ValidationError) as caught:
-        walker(**{**WALKERS[walker], name: value})
-    assert caught.value.errors()[0]["loc"] == (name,)
-
-
-@pytest.mark.parametrize("walker", [CompassBiped, TorsoCompass])
-def test_mass_beyond_the_leg_is_refused(walker: type[Walker]) -> None:
-    numbers = {**WALKERS[walker], "leg_com": WALKERS[walker]["leg_length"]}
-    with pytest.raises(ValidationError, match="must be less than leg_length"):
-        walker(**numbers)
-
-
-def test_unknown_parameter_is_refused() -> None:
-    with pytest.raises(ValidationError, match="leg_mas"):
-        CompassBiped(**COMPASS, leg_mas=1.0)
 
 
 def test_walker_cannot_be_changed() -> None:

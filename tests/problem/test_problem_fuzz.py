@@ -80,12 +80,6 @@ def test_many_valid_files_are_solved_without_an_internal_error(seed):
         assert problem is None or ends_in_order(problem), text
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "changes"), KEPT)
-def test_problems_at_the_edge_of_what_is_possible_end_in_order(name, changes):
-    assert ends_in_order(go.load_problem(name).replace(changes))
-
-
 @pytest.mark.parametrize(("name", "changes"), KEPT[:2])
 def test_wheels_at_the_edge_of_what_is_possible_end_in_order(name, changes):
     assert ends_in_order(go.load_problem(name).replace(changes))

@@ -35,10 +35,6 @@ def test_impact_steps_and_guess_may_be_given():
     assert problem.guess.state["dx"] == 0.1
 
 
-def test_a_guess_without_slip_velocity_starts_at_rest():
-    assert opened(", guess: {state: {dtheta: 0.7}}").guess.state["dx"] == 0.0
-
-
 @pytest.mark.parametrize(
     ("keys", "words"),
     [

@@ -59,15 +59,6 @@ def test_the_exponent_of_a_walker_with_several_contacts_is_the_logarithm_of_its_
 
 
 @pytest.mark.slow
-def test_walks_of_a_crawler_settle_on_its_gait_from_starts_around_it():
-    found = go.attractors(
-        "crawler", {"friction.rear": (0.59, 0.6, 2)}, **(FEW | {"starts": 3, "transient": 20, "keep": 4})
-    )
-    assert [[run["period_steps"] for run in record["attractors"]] for record in found.records] == [[1], [1]]
-    assert found.names == go.load_problem("crawler").walker.state_names()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-two-step", "compass-unequal"])
 def test_exponents_of_slipping_of_two_step_and_of_unequal_cycles(name):
     gait = named(name)
@@ -115,33 +106,6 @@ def test_the_command_prints_one_object_per_attractor_and_draws_over_a_branch(tmp
     assert capsys.readouterr().out.strip() == f"{folder}/dtheta.svg"
     assert main(["plot", folder, "--over", "nosuch", "--quiet"]) == 2
     assert main(["plot", "b", "--over", "b", "--quiet"]) == 2
-
-
-def test_attractors_that_were_interrupted_resume_where_they_stopped(tmp_path):
-    done = []
-    stop = {"progress": lambda k, n: done.append(k), "should_stop": lambda: len(done) >= 2}
-    with pytest.raises(KeyboardInterrupt):
-        go.attractors(WHEEL, FRICTIONS, output=tmp_path / "cut", **{**FEW, **stop})
-    (lines,) = (tmp_path / "cut").glob("attractors-*/settled.jsonl")
-    before = lines.read_text()
-    assert 0 < before.count("\n") < 3
-    with lines.open("a", encoding="utf-8") as file:
-        file.write('{"job": "torn')  # killed in the middle of a line
-    resumed = go.attractors(WHEEL, FRICTIONS, output=tmp_path / "cut", **FEW)
-    assert lines.read_text().startswith(before)
-    assert resumed.to_records() == go.attractors(WHEEL, FRICTIONS, output=tmp_path / "whole", **FEW).to_records()
-
-
-@pytest.mark.slow
-def test_processes_and_dask_settle_on_the_same_attractors(tmp_path):
-    serial = go.attractors(WHEEL, FRICTIONS, output=tmp_path / "serial", **FEW)
-    two = go.attractors(WHEEL, FRICTIONS, output=tmp_path / "two", **{**FEW, "workers": 2})
-    assert two.to_records() == serial.to_records()
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
-        few = {**FEW, "workers": None, "scheduler": cluster.scheduler_address}
-        far = go.attractors(WHEEL, FRICTIONS, output=tmp_path / "far", **few)
-    assert far.to_records() == serial.to_records()
 
 
 def test_wrong_requests_are_named(tmp_path):

@@ -130,12 +130,6 @@ def damage(name, kind, chance):
     return path
 
 
-def sealed(path):
-    """Enter the damaged file into the manifest, as if it had been written so."""
-    folder = Path(*path.parts[:1])
-    Run(folder).seal(path.relative_to(folder).as_posix())
-
-
 def check_left_alone(run, path, command):
     before = path.read_bytes()
     code, out, err = run(*placed(command))
@@ -161,38 +155,6 @@ def test_damage_of_any_kind_is_noticed(copy, run, kind):
         damage(name, kind, random.Random(seed))
         check_left_alone(run, path, READERS[name][0])
         path.write_bytes(content)
-
-
-def never_internal(run, name, kind, seed):
-    (path,) = map(Path, placed([name]))
-    content, manifest = path.read_bytes(), (path.parents[-2] / "manifest.json").read_bytes()
-    damage(name, kind, random.Random(seed))
-    if name.endswith("manifest.json"):
-        return
-    sealed(path)
-    code, _, err = run(*placed(READERS[name][0]))
-    assert code in (0, 2, 4, 5, 6), (name, kind, seed, err)
-    assert code != 6 or path.name in err or "run" in err
-    path.write_bytes(content)
-    (path.parents[-2] / "manifest.json").write_bytes(manifest)
-
-
-SHAPED = [name for name in READERS if name.endswith(".json") and "manifest" not in name]
-
-
-@pytest.mark.parametrize("name", SHAPED)
-def test_record_that_is_whole_but_wrong_is_no_internal_error(copy, run, name):
-    """Even with a checksum that fits."""
-    for seed, kind in enumerate(DAMAGES):
-        never_internal(run, name, kind, seed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(10))
-@pytest.mark.parametrize("name", [name for name in READERS if "manifest" not in name])
-def test_hundreds_of_damages_are_no_internal_error(copy, run, name, seed):
-    for kind in DAMAGES:
-        never_internal(run, name, kind, 1000 + seed)
 
 
 def test_checksums_are_of_every_file_that_is_read(copy):

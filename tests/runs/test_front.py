@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt import load_problem, load_run, parse_problem
+from gaitopt import load_problem, load_run
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.runs import jobs as solved
 from gaitopt.runs.front import FrontPlan
@@ -64,11 +64,6 @@ def test_front_along_a_word_names_the_nearest_number(tmp_path):
         ).complete()
 
 
-def test_front_that_is_stopped_says_so(tmp_path):
-    with pytest.raises(KeyboardInterrupt):
-        FrontPlan(problem=design_problem(), axis=AXIS, folder=tmp_path).complete(should_stop=lambda: True)
-
-
 def test_front_without_objective_is_refused(tmp_path):
     with pytest.raises(ProblemError, match="needs an objective"):
         FrontPlan(problem=load_problem("rimless-wheel-slope"), axis=AXIS, folder=tmp_path).complete()
@@ -96,21 +91,3 @@ def test_samples_of_a_free_curve_change_its_points_within_their_bound():
     assert all(abs(c) <= 0.6 for p in points for row in p.values() for c in row)
     assert build_system(first).control.reference.motion().points == points[0]
     assert [p.digest for p in plan.sampled()] == [problem.digest, first.digest, second.digest]
-
-
-def curve_file(points):
-    text = load_problem("compass-pd-slippery").text
-    return text.replace("start: compass-passive-b", f"start: compass-passive-b, points: {points}")
-
-
-@pytest.mark.parametrize(
-    ("points", "violation"),
-    [
-        ("{theta1: [0, 0, 0, 0, 0]}", "the tracked joints are theta1, theta2"),
-        ("{theta1: [0, 0, 0, 0, 0], theta2: [0, 0]}", "2 control points, but a curve of degree 4 has 5"),
-        ("{theta1: [0, 0, 0, 0, 0], theta2: [0, 0, 0.7, 0, 0]}", "0.7 is outside of within = 0.6"),
-    ],
-)
-def test_control_points_that_do_not_fit_are_named(points, violation):
-    with pytest.raises(ProblemError, match=violation):
-        parse_problem(curve_file(points))

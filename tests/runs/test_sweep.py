@@ -3,8 +3,6 @@
 import csv
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -80,13 +78,6 @@ def test_spokes_are_counted_in_integers(tmp_path):
         wheel_sweep(tmp_path, Axis(key="walker.spokes", lower=6, upper=7, count=3)).check()
 
 
-def test_attempts_that_failed_are_done_too(tmp_path):
-    frictions = Axis(key="friction", lower=0.05, upper=0.4, count=2)
-    first = wheel_sweep(tmp_path, frictions).complete(HERE).records
-    assert [record["status"] for record in first] == ["infeasible", "converged"]
-    assert wheel_sweep(tmp_path, frictions).complete(HERE).records == first
-
-
 def test_a_killed_sweep_resumes_where_it_stopped(tmp_path, monkeypatch):
     sweep = wheel_sweep(tmp_path)
     done = []
@@ -146,22 +137,6 @@ def test_job_that_is_set_aside_is_named_and_tried_again_next_time(tmp_path, monk
     assert record["set_aside"][0] == {"at": {"friction": 0.36}, "reason": "dead"}
     monkeypatch.undo()
     assert {r["status"] for r in sweep.complete(HERE).records} == {"converged"}
-
-
-def test_two_sweeps_of_a_problem_do_not_write_at_once(tmp_path):
-    other = """
-import pathlib, sys
-from gaitopt.store.lock import only_writer
-with only_writer(pathlib.Path(sys.argv[1])):
-    input(print("locked", flush=True))
-"""
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen([sys.executable, "-c", other, tmp_path], **pipes) as process:
-        process.stdout.readline()
-        with pytest.raises(StorageError, match=rf"being written by process {process.pid} \(-c .*since 20"):
-            wheel_sweep(tmp_path).complete(HERE)
-        process.communicate(b"\n")
-    wheel_sweep(tmp_path).complete(HERE)
 
 
 def test_grid_over_something_else_than_a_parameter_is_refused(tmp_path):
@@ -229,15 +204,6 @@ def test_range_that_is_none_is_refused_by_the_command(capsys, over, violation):
 def test_angles_of_a_range_take_degrees():
     axis = axis_of("walker.slope", "0.5deg", "2 deg", 7)
     assert (axis.lower, axis.upper, axis.count) == (pytest.approx(0.00872664626), pytest.approx(0.034906585), 7)
-
-
-def test_command_prints_one_object_and_draws(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    arguments = ["sweep", "rimless-wheel-slip", "--over", "friction=0.36:0.4:2", "--workers", "1", "--json", "--quiet"]
-    assert main(arguments) == 0
-    record = json.loads(capsys.readouterr().out)
-    assert (record["jobs"], record["statuses"], record["verified"]) == (2, {"converged": 2}, 2)
-    assert all((tmp_path / figure).stat().st_size > 1000 for figure in record["figures"])
 
 
 def test_finished_sweep_is_drawn_again_from_its_folder_unless_it_is_broken(tmp_path, monkeypatch, capsys):

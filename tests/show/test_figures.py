@@ -1,7 +1,6 @@
 """Figures show what is so: dashes where the foot slips, the cone where friction ends, units on every axis."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -207,22 +206,6 @@ def test_the_same_gait_gives_the_same_bytes(tmp_path, extension):
     assert first.read_bytes() == second.read_bytes()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("command", ["plot", "report"])
-@pytest.mark.parametrize("problem", ["rimless-wheel-slip", "compass-torque-slip"])
-@pytest.mark.usefixtures("empty_folder")
-def test_a_repeated_command_writes_the_same_bytes(run, command, problem):
-    """The first one solves the problem, the second one finds its gait in the run folder."""
-    formats = ("--format", "svg") if command == "plot" else ()
-    code, out, _ = run(command, problem, *formats)
-    files = [Path(line) for line in out.splitlines()]
-    assert code == 0
-    assert {"methods.svg", "animation.html"} <= {file.name for file in files} or command == "report"
-    before = [file.read_bytes() for file in files]
-    assert run(command, problem, *formats)[:2] == (0, out)
-    assert [file.name for file, own in zip(files, before, strict=True) if file.read_bytes() != own] == []
-
-
 def test_symbols_and_units_are_those_of_the_textbook():
     assert symbol("theta1") == "θ₁"
     assert symbol("dtheta2") == "θ\u0307₂"
@@ -367,10 +350,6 @@ def test_text_over_text_over_a_curve_and_beyond_the_edge_is_found():
     axes.text(0.99, 0.1, "too long for this place")
     found = faults(figure)
     assert sorted(words.split("' ")[-1] for words in found) == ["is cut off", "lies over 'other'", "lies over a curve"]
-
-
-def test_sweep_without_any_gait_is_drawn():
-    assert heat_map([[None, None], [None, None]]).legends
 
 
 @pytest.mark.parametrize("quantity", ["period", "step_length"])

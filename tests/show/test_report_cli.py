@@ -94,22 +94,3 @@ def test_a_torn_last_line_of_a_branch_is_dropped(branch_run):
     with (branch_run / "branch.jsonl").open("a") as lines:
         lines.write('{"record": "poi')
     assert main(["report", str(branch_run)]) == 0
-
-
-@pytest.mark.parametrize("spoil", ["manifest.json", "resolved.json", "branch.jsonl"])
-def test_a_broken_branch_is_named_and_left_alone(branch_run, spoil, capsys):
-    (branch_run / spoil).write_text("{nonsense\n{}\n")
-    before = sorted(branch_run.iterdir())
-    assert main(["report", str(branch_run)]) == 6
-    assert str(branch_run) in capsys.readouterr().err
-    assert sorted(branch_run.iterdir()) == before
-
-
-@pytest.mark.parametrize("command", ["plot", "report"])
-def test_a_folder_that_is_not_a_run_is_left_alone(command, tmp_path, capsys):
-    folder = tmp_path / "holiday"
-    folder.mkdir()
-    (folder / "photo.jpg").write_text("not a run")
-    assert main([command, str(folder)]) == 6
-    assert "not changed" in capsys.readouterr().err
-    assert [path.name for path in folder.iterdir()] == ["photo.jpg"]

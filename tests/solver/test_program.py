@@ -140,15 +140,6 @@ def test_solvers_of_casadi_find_the_gait_which_the_simulation_verifies(solver):
     assert go.verify(gait).passed
 
 
-@pytest.mark.parametrize("name", ["compass-passive-stick", "rimless-wheel-slip", "compass-unequal", "hopper"])
-def test_solution_of_a_user_is_the_gait_before_it_is_refined(name):
-    nlp = go.nlp(name)
-    run = ca.nlpsol("solver", "ipopt", nlp.casadi(), QUIET | {"ipopt.tol": 1e-11, "ipopt.constr_viol_tol": 1e-12})
-    w, known = np.asarray(run(**nlp.arguments())["x"]).ravel(), named(name)
-    states = np.array([nlp.unpack(w)[key][0] for key in known.system.state_names])
-    np.testing.assert_allclose(states / known.dynamics.state_units, known.state / known.dynamics.state_units, atol=1e-9)
-
-
 def test_one_program_serves_other_parameters():
     nlp = go.nlp("compass-passive-a")
     p = nlp.p0.copy()
@@ -186,13 +177,6 @@ def test_a_constraint_of_ones_own_lifts_the_foot_at_the_expense_of_the_objective
     assert bound.solver["objective"] > free.solver["objective"]
     assert free.solver["objective"] == pytest.approx(named("compass-torque-efficient").solver["objective"], rel=1e-6)
     assert go.verify(bound).passed
-
-
-@pytest.mark.slow
-def test_a_constraint_that_no_gait_meets_ends_where_the_mode_sequence_ends():
-    nlp = go.nlp("compass-torque-efficient")
-    _, too_high = lifted_foot(nlp, 0.0105)
-    assert "phase 1 (slip_forward) vanishes" in nlp.gait(too_high).message
 
 
 def test_points_that_are_no_gait_are_refused_in_words():

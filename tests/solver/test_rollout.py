@@ -134,46 +134,6 @@ def test_a_phase_of_the_guess_that_does_not_end_is_told_with_what_it_waits_for()
     assert words[2].endswith("phase 3 (slip_backward) has no end: from the guess, " + MARGINS["touchdown"].absent)
 
 
-@pytest.mark.parametrize("name", ["compass-passive-stick", pytest.param("compass-passive-a", marks=pytest.mark.slow)])
-def test_a_guess_that_stands_still_is_a_failure_and_no_error(name):
-    gait = go.solve(go.load_problem(name).replace({"gait.guess.state.theta1": -1e-5}))
-    assert gait.status in (go.Status.INFEASIBLE, go.Status.NOT_CONVERGED, go.Status.CONVERGED)
-    assert gait.message
-
-
-@pytest.mark.parametrize(
-    ("name", "overrides"),
-    [
-        pytest.param(  # IPOPT cannot even begin
-            "compass-passive-stick",
-            {
-                "gait.phases": ["slip_backward", "stick"],
-                "gait.impact": "slip_backward",
-                "gait.guess.durations": [0.85, 0.39],
-                "gait.guess.state": {"theta1": 1.5, "dtheta1": -9.6, "dtheta2": -46.8, "dx": -0.48},
-            },
-            marks=pytest.mark.slow,
-        ),
-        pytest.param("rimless-wheel-slip", {"gait.guess.state.dtheta": 0.01}, marks=pytest.mark.slow),
-        pytest.param(
-            "compass-passive-a",
-            {"gait.guess.state": {"theta1": -1.5, "dtheta1": 33.8, "dtheta2": -45.5}},
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            "compass-torque-impact-slip",
-            {"gait.guess.state.dtheta1": -200.0, "gait.guess.state.theta1": 1.5},
-            marks=pytest.mark.slow,
-        ),
-    ],
-)
-def test_hopeless_guess_is_a_failure_and_no_error(name, overrides, capfd):
-    gait = go.solve(go.load_problem(name).replace(overrides))
-    assert not gait.converged
-    assert gait.message
-    assert capfd.readouterr() == ("", "")
-
-
 def test_foot_below_the_ground_at_the_landing_of_a_guess_is_the_cause_of_a_failed_search():
     state = {"theta1": -0.3, "torso": 0.2, "dtheta1": 0.9, "dtheta2": -0.1, "dtorso": 0.04}
     problem = go.load_problem("torso-upright").replace({"gait.guess.state": state, "gait.guess.durations": [1.1]})

@@ -48,26 +48,10 @@ def test_shooting_step_has_the_order_of_its_tableau(compass, mode):
     assert np.log2(error(0.3) / error(0.15)) > ORDER + 0.5
 
 
-def test_sticking_foot_does_not_drift(compass):
-    moved = shooting_step(compass, Mode.STICK)(STATE, 0, 0.1, PARAMETERS, [])
-    assert float(moved[-1]) == 0.0
-
-
 def test_problem_without_freed_parameters_is_square(compass):
     problem, _ = passive("compass-passive-a")
     equations = MultipleShooting(compass, mesh_of(problem.cycle, [0.09, 0.63, 0.03], []))
     assert equations.equalities.numel() == equations.w.numel()
-
-
-def test_jacobian_agrees_with_central_differences(compass):
-    problem, _ = passive("compass-passive-a")
-    equations = MultipleShooting(compass, mesh_of(problem.cycle, [0.09, 0.63, 0.03], []))
-    w = np.random.default_rng(1).normal(scale=0.1, size=equations.w.numel())
-    direction = np.random.default_rng(2).normal(size=w.size)
-    eps = 1e-6
-    plus, minus = (equations.violation(w + s * eps * direction, PARAMETERS) for s in (1, -1))
-    exact = Solution(equations, w, PARAMETERS).jacobian @ direction
-    assert np.allclose(exact, (plus - minus) / (2 * eps), rtol=1e-5, atol=1e-6)
 
 
 def test_breakpoints_cut_phases_into_arcs():
@@ -90,14 +74,6 @@ def test_rollout_finds_the_durations_that_a_solved_gait_has():
     gait = solve_gait(problem, system)
     rolled = roll_out(Dynamics(system, gait.p), problem.cycle, gait.state)
     assert np.allclose(rolled.durations, [duration for _, duration in gait.phases], atol=1e-6)
-
-
-def test_given_durations_lead_to_the_same_gait():
-    problem, system = passive("compass-passive-a")
-    hinted = problem.replace({"gait.guess.durations": [0.07, 0.6, 0.05]})
-    free, timed = solve_gait(problem, system), solve_gait(hinted, system)
-    assert timed.converged
-    assert np.allclose(free.state, timed.state, atol=1e-11)
 
 
 def test_error_estimate_is_the_error():
@@ -142,13 +118,6 @@ def test_failure_says_what_hurts_in_physical_words(name, overrides, words):
         _ = gait.state
     assert not gait.steps
     assert re.search(words, gait.message), gait.message
-
-
-def test_request_to_stop_ends_as_interrupted():
-    problem, system = passive("compass-passive-a")
-    gait = solve_gait(problem, system, should_stop=lambda: True)
-    assert gait.status is Status.INTERRUPTED
-    assert not gait.converged
 
 
 def test_progress_reports_every_iteration():
