@@ -42,14 +42,6 @@ def test_the_best_of_several_starts_becomes_the_gait_of_its_problem_as_the_comma
         go.solve(problem.replace({"friction": 0.43}), start=best)
 
 
-def test_a_walk_is_compared_with_the_stored_gait_of_its_problem_as_the_command_does():
-    assert len(go.simulate(WHEEL, compare=True).gait_states) == 0
-    gait = go.solve(WHEEL, output=True)
-    assert len(go.simulate(WHEEL).gait_states) == 0
-    (state,) = go.simulate(WHEEL, compare=True).gait_states
-    np.testing.assert_allclose(state, gait.state, atol=1e-12)
-
-
 def test_nothing_is_kept_unless_asked_for():
     go.solve(WHEEL)
     go.simulate(WHEEL)
@@ -61,13 +53,6 @@ def test_a_failed_solve_is_not_kept():
     gait = go.solve(go.load_problem(WHEEL).replace({"walker.slope": 0.01}), output="run")
     assert not gait.converged
     assert not (Path("run") / "gait.json").exists()
-
-
-def test_a_foreign_folder_is_refused_before_anything_is_solved(monkeypatch):
-    Path("thesis.tex").write_text("precious")
-    monkeypatch.setattr("gaitopt.search.solve.solve", None)
-    with pytest.raises(StorageError, match="not a run of gaitopt"):
-        go.solve(WHEEL, output=".")
 
 
 def test_a_result_that_cannot_be_stored_goes_with_the_error(monkeypatch):

@@ -12,12 +12,11 @@ from scipy.integrate import solve_ivp, trapezoid
 from gaitopt.gait import curves
 from gaitopt.gait.measures import measure
 from gaitopt.gait.trajectory import Arc, ImpactRecord, Step
-from gaitopt.model.control import ConstantTorque, NoControl
+from gaitopt.model.control import ConstantTorque
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 Array = np.ndarray
 TORQUES = np.array([0.3, -0.2])
@@ -47,24 +46,6 @@ def impact_of(system: HybridSystem, p: Array, z: Array) -> ImpactRecord:
 
 
 @cache
-def wheel_step() -> tuple[RimlessWheel, HybridSystem, Array, Step]:
-    """The periodic step of a wheel; its duration by the quadrature of the energy integral."""
-    wheel = RimlessWheel(spokes=10, radius=1.0, mass=1.0, inertia_ratio=1 / 3, gravity=1.0, slope=np.radians(13))
-    system = HybridSystem(RimlessWheel, NoControl())
-    p = np.array([*(float(value) for _, value in wheel), 1.0])
-    angle, kappa = np.pi / wheel.spokes, wheel.inertia_ratio
-    beta = (np.cos(2 * angle) + kappa) / (1 + kappa)
-    rate = 2 * beta * np.sqrt(np.sin(wheel.slope) * np.sin(angle) / (1 - beta**2))  # eq. (16), in its time unit
-    nodes, weights = np.polynomial.legendre.leggauss(60)
-    theta = angle * nodes
-    rates = np.sqrt(rate**2 + 2 * np.cos(wheel.slope - angle) - 2 * np.cos(wheel.slope + theta))
-    unit = np.sqrt(1 + kappa)
-    period = unit * angle * weights @ (1 / rates)
-    rolling = arc(system, p, Mode.STICK, np.array([-angle, 0, rate / unit, 0]), period)
-    return wheel, system, p, Step(arcs=(rolling,), impact=impact_of(system, p, rolling.states[-1]))
-
-
-@cache
 def compass_step() -> tuple[HybridSystem, Array, Step]:
     """A driven compass: it slips for a while, then sticks; nothing says that it is a gait."""
     system = HybridSystem(CompassBiped, ConstantTorque(ankle=TORQUES[0], hip=TORQUES[1]))
@@ -86,41 +67,6 @@ def dense(quantity: int) -> list[tuple[Array, Array]]:
         values = np.asarray(system.observation(piece.mode)(times[None, :], states, p, [])[quantity])
         samples.append((times, values))
     return samples
-
-
-def test_wheel_step_closes_and_has_its_known_period() -> None:
-    _, _, _, step = wheel_step()
-    np.testing.assert_allclose(step.impact.state, step.arcs[0].states[0], atol=1e-11)
-    assert measure([step])["period"] == pytest.approx(0.7931, abs=5e-5)
-
-
-def test_wheel_advances_by_the_distance_of_its_spokes() -> None:
-    wheel, _, _, step = wheel_step()
-    measures = measure([step])
-    assert measures["step_length"] == pytest.approx(2 * np.sin(np.pi / wheel.spokes), rel=1e-13)
-    assert measures["speed"] == pytest.approx(measures["step_length"] / measures["period"], rel=1e-15)
-
-
-def test_wheel_needs_the_friction_and_the_impulse_ratio_of_equations_18_and_19() -> None:
-    wheel, _, _, step = wheel_step()
-    kappa, angle, alpha = wheel.inertia_ratio, np.pi / wheel.spokes, wheel.slope
-    theta = np.linspace(-angle, angle, 200001)
-    squared = step.arcs[0].states[0, 2] ** 2 * (1 + kappa) + 2 * np.cos(alpha - angle) - 2 * np.cos(alpha + theta)
-    pull = np.cos(alpha + theta) - squared
-    normal = pull * np.cos(theta) + kappa * np.cos(alpha)
-    sigma = (pull * np.sin(theta) - kappa * np.sin(alpha)) / normal
-    measures = measure([step])
-    assert measures["required_friction"] == pytest.approx(np.abs(sigma).max(), rel=1e-9)
-    assert measures["required_friction"] == pytest.approx(0.9141, abs=5e-5)
-    assert measures["min_normal_force"] == pytest.approx(normal.min() / (1 + kappa), rel=1e-9)
-    assert measures["impulse_ratio"] == pytest.approx(np.sin(2 * angle) / (2 * (kappa + np.cos(angle) ** 2)), rel=1e-12)
-
-
-def test_passive_walker_does_no_work_and_asks_for_no_torque() -> None:
-    _, _, _, step = wheel_step()
-    measures = measure([step])
-    effort = ("work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "peak_torque")
-    assert [measures[name] for name in effort] == [0, 0, 0, 0, 0]
 
 
 def test_constant_torques_do_the_work_of_torque_times_angle() -> None:
@@ -182,12 +128,3 @@ def test_required_friction_is_that_of_sticking_phases_only() -> None:
     assert measures["required_friction"] == pytest.approx(np.abs(force[0] / force[1]).max(), rel=1e-7)
     slipping = Step(arcs=step.arcs[:1], impact=step.impact)
     assert measure([slipping])["required_friction"] is None
-
-
-def test_phases_across_a_breakpoint_of_the_control_are_one() -> None:
-    _, _, step = compass_step()
-    first, second = step.arcs
-    middle = replace(second, segment=1, times=second.times + STICKING)
-    phases = Step(arcs=(first, second, middle), impact=None).phases
-    assert [mode for mode, _ in phases] == [Mode.SLIP_FORWARD, Mode.STICK]
-    assert [duration for _, duration in phases] == pytest.approx([SLIPPING, 2 * STICKING])

@@ -88,21 +88,6 @@ def test_a_wrong_number_in_any_column_of_a_table_is_detected(name, file, tmp_pat
                 assert not verify(load_run(tmp_path / "run")).passed
 
 
-@pytest.mark.parametrize("columns", [["f_t"], ["f_n"], ["f_t", "f_n"], ["ankle"], ["hip"]])
-def test_doubled_forces_and_torques_are_refused_with_line_and_column(columns, tmp_path):
-    folder = tmp_path / "run"
-    write_result(named("compass-pd-impact-slip"), Run(folder))
-    path = folder / "trajectory.csv"
-    header, *rows = (line.split(",") for line in path.read_text().splitlines())
-    for row in rows:
-        for k in (header.index(column) for column in columns):
-            row[k] = repr(2 * float(row[k]))
-    path.write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
-    Run(folder).seal(path.name)
-    with pytest.raises(StorageError, match=rf"trajectory\.csv:2 {columns[0]} is .*, but the equations of motion give"):
-        load_run(folder)
-
-
 def test_a_table_with_exchanged_columns_is_refused(tmp_path):
     folder = tmp_path / "run"
     write_result(named("compass-pd-impact-slip"), Run(folder))

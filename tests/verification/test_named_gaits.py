@@ -4,6 +4,7 @@ Figures are those of Gamus & Or (2013), or recomputed where the paper's text lea
 with the digits that are known of them.
 """
 
+from collections.abc import Callable
 from functools import cache
 from math import cos, pi, radians, sin, sqrt, tan
 
@@ -232,16 +233,18 @@ def test_wheel_follows_its_closed_forms(spokes: int, kappa: float, slope: float)
     beta = (cos(2 * half) + kappa) / (1 + kappa)
     rate = beta * sqrt(4 * sin(half) * sin(alpha) / (1 - beta**2)) / sqrt(1 + kappa)
 
-    def force_ratio(theta: float) -> float:
-        """f_t / f_n by Newton's law for the hub, whose speed follows from conservation of energy."""
+    def forces(theta: float) -> tuple[float, float]:
+        """Along and normal to the slope, by Newton's law for the hub; its speed follows from conservation of energy."""
         speed = rate**2 + 2 * (cos(alpha - half) - cos(theta + alpha)) / (1 + kappa)
         turn = sin(theta + alpha) / (1 + kappa)
         along = turn * cos(theta) - speed * sin(theta) - sin(alpha)
-        normal = -turn * sin(theta) - speed * cos(theta) + cos(alpha)
-        return abs(along / normal)
+        return along, -turn * sin(theta) - speed * cos(theta) + cos(alpha)
 
-    inside = minimize_scalar(lambda theta: -force_ratio(theta), bounds=(-half, half), method="bounded")
-    required = max(force_ratio(-half), force_ratio(half), -inside.fun)
+    def least(function: Callable[[float], float]) -> float:
+        inside = minimize_scalar(function, bounds=(-half, half), method="bounded", options={"xatol": 1e-9})
+        return min(function(-half), function(half), float(inside.fun))
+
+    required = -least(lambda theta: -abs(forces(theta)[0] / forces(theta)[1]))
     assert go.verify(gait).passed
     assert gait.state[2] == pytest.approx(rate, rel=1e-10)
     assert gait.multipliers[0].real == pytest.approx(beta**2, abs=1e-9)
@@ -249,6 +252,9 @@ def test_wheel_follows_its_closed_forms(spokes: int, kappa: float, slope: float)
     assert gait.measures["step_length"] == pytest.approx(2 * sin(half), rel=1e-12)
     assert gait.measures["impulse_ratio"] == pytest.approx((1 - beta) / (1 + beta) / tan(half), rel=1e-9)
     assert gait.measures["required_friction"] == pytest.approx(required, rel=1e-9)
+    assert gait.measures["min_normal_force"] == pytest.approx(least(lambda theta: forces(theta)[1]), rel=1e-9)
+    assert gait.measures["speed"] == pytest.approx(2 * sin(half) / gait.period, rel=1e-12)
+    assert gait.measures["work"] == gait.measures["peak_torque"] == 0
 
 
 @pytest.mark.parametrize("length", [0.4, 2.4])
