@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import packages_distributions, version
 from itertools import pairwise, product
+from math import isfinite
 from typing import Any, TypedDict
 
 import numpy as np
@@ -243,7 +244,8 @@ def _designed(problem: Problem, values: Mapping[str, str], intervals: Mapping[st
         for text in given[key].split(INTERVAL):
             value = float(ball(text.strip()).mid())
             exact = ball(text.strip())
-            if exact < ball(repr(lower)) or exact > ball(repr(upper)):  # bounds are decimals too
+            bounds = [(side, bound) for side, bound in ((-1, lower), (1, upper)) if isfinite(bound)]
+            if any(side * exact > side * ball(repr(bound)) for side, bound in bounds):  # bounds are decimals too
                 raise ValueError(f"{key} is designed to be {text}, outside of its bounds [{lower!r}, {upper!r}]")
             if key in problem.free and (objection := problem.objection(key, value)):
                 raise ValueError(f"{key} cannot be {text}: {objection}")

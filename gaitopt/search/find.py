@@ -420,8 +420,11 @@ def best_gait(gaits: Gaits) -> Gait:
 
 
 def with_open_modes(problem: Problem) -> Problem:
-    """The problem with an open mode sequence."""
-    return problem if problem.is_open else problem.replace({"gait.phases": "auto"})
+    """The problem with an open mode sequence, without a guess that is a step length or postures, not a state."""
+    if problem.is_open:
+        return problem
+    guess: dict[str, object] = {} if problem.guess.first is None else {"gait.guess": None}
+    return problem.replace({"gait.phases": "auto"} | guess)
 
 
 def family_jobs(plan: SearchPlan, gaits: Iterable[Gait], first: int = 0) -> list[Job]:

@@ -335,7 +335,7 @@ def test_torques_that_are_found_last_as_long_as_the_step():
     text = text.replace("phases: [slip_forward, stick, slip_backward]", "phases: [stick]")
     text = text.replace("    durations: [0.09, 0.63, 0.03]\n", "")
     text += (
-        "control: {type: open_loop, intervals: 2, order: constant, bounds: {ankle: [-3, 3], hip: [-3, 3]}}\n"
+        "control: {type: open_loop, intervals: 2, order: constant, bounds: {ankle: [-3, 3]}}\n"  # none for the hip
         "objective: torque_squared\nconstraints: {speed: 0.5}\n"
     )
     solved = solve(parse_problem(text), progress=False)

@@ -170,6 +170,15 @@ def test_a_known_sequence_is_ignored(wheel):
     assert with_open_modes(wheel.problem) is wheel.problem
 
 
+def test_a_step_length_is_no_start_of_a_search():
+    """A guess of the torques and the motion of a design needs no state, but a walk begins with one."""
+    phases = {"phases": ["stick"], "impact": "stick", "guess": {"step_length": 0.4, "duration": 0.7}}
+    control = {"control": {"type": "open_loop", "intervals": 2}, "objective": "torque_squared"}
+    problem = load_problem("compass-passive-stick").replace({"gait": phases, "friction": 0.6} | control)
+    assert problem.start is not None
+    assert with_open_modes(problem).start is None
+
+
 def test_where_nothing_walks_nothing_is_listed():
     uphill = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
     part = find_candidates(SearchJob(problem=uphill, method="simulation", number=0, seed=0, within={}))
