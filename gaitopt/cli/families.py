@@ -11,26 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gaitopt.cli import options
-from gaitopt.cli.options import (
-    EngineOption,
-    GridOption,
-    GuessOption,
-    MethodOption,
-    OutOption,
-    OverOption,
-    ProblemArgument,
-    RunArgument,
-    SchedulerOption,
-    SeedOption,
-    SetOption,
-    WorkersOption,
-    counts,
-    grid,
-    intervals,
-    number,
-    option,
-)
-from gaitopt.cli.runs import gait_of, load, report
+from gaitopt.cli.runs import gait_of, known_gait, load
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
 from gaitopt.errors import UnknownNameError
 from gaitopt.requests import (
@@ -72,13 +53,13 @@ def continue_(
             "K-th special point of a branch, or in another parameter for its gait.",
         ),
     ],
-    param: Annotated[str, option(ContinueRequest, "parameter", "--param", metavar="KEY")],
-    to: Annotated[list[str], option(ContinueRequest, "to", metavar="VALUE")],
-    lower: Annotated[str | None, option(ContinueRequest, "lower", metavar="VALUE")] = None,
-    upper: Annotated[str | None, option(ContinueRequest, "upper", metavar="VALUE")] = None,
-    max_points: Annotated[int, option(ContinueRequest, "max_points")] = 2000,
-    max_seconds: Annotated[float | None, option(ContinueRequest, "max_seconds")] = None,
-    verify_every: Annotated[int, option(ContinueRequest, "verify_every")] = 10,
+    param: Annotated[str, options.option(ContinueRequest, "parameter", "--param", metavar="KEY")],
+    to: Annotated[list[str], options.option(ContinueRequest, "to", metavar="VALUE")],
+    lower: Annotated[str | None, options.option(ContinueRequest, "lower", metavar="VALUE")] = None,
+    upper: Annotated[str | None, options.option(ContinueRequest, "upper", metavar="VALUE")] = None,
+    max_points: Annotated[int, options.option(ContinueRequest, "max_points")] = 2000,
+    max_seconds: Annotated[float | None, options.option(ContinueRequest, "max_seconds")] = None,
+    verify_every: Annotated[int, options.option(ContinueRequest, "verify_every")] = 10,
     follow: Annotated[
         list[str] | None,
         typer.Option(
@@ -88,8 +69,8 @@ def continue_(
             "branch_points or mode_changes. May be repeated.",
         ),
     ] = None,
-    changes: SetOption = None,
-    output: OutOption = None,
+    changes: options.SetOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """Follow the family of a gait along a parameter.
 
@@ -101,12 +82,12 @@ def continue_(
     Every point is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import stored, verbs
-    from gaitopt.show.tables import print_branch, sequence
+    from gaitopt.show.tables import print_branch
 
-    targets = [number(value, "--to") for value in to]
-    lowest = None if lower is None else number(lower, "--lower")
-    highest = None if upper is None else number(upper, "--upper")
-    levels = counts(follow)
+    targets = [options.number(value, "--to") for value in to]
+    lowest = None if lower is None else options.number(lower, "--lower")
+    highest = None if upper is None else options.number(upper, "--upper")
+    levels = options.counts(follow)
     start: Gait | SpecialPoint
     if stored.SPECIAL in problem:
         if changes:
@@ -116,34 +97,48 @@ def continue_(
         start, _ = stored.load_special_point(problem)
         gait = start.gait
     else:
-        start = gait = gait_of(problem, changes, None, terminal, keep=False)[0]
-        if not gait.converged:
-            return report(gait, None, terminal)
-    refuted, summary = False, list[dict[str, Any]]()
+        start = gait = known_gait(problem, changes, None, terminal, keep=False)[0]
     with interruptible() as interrupted, _live(terminal, param) as show:
         records = verbs.continuation_records(
             start, param, targets, lower=lowest, upper=highest, max_points=max_points, max_seconds=max_seconds,
             verify_every=verify_every, output=output, should_stop=interrupted, **levels,
         )  # fmt: skip
-        head = next(records)
-        if head["stored"]:
-            terminal.say(f"resumed from {head['folder']} after {head['stored']} records")
-        for record in records:
-            shown = {key: record[key] for key in SHOWN if key in record}
-            if record["record"] == "point":
-                shown["sequence"] = sequence(record)
-            else:
-                verification = record["gait"].get("verification")
-                refuted |= record["type"] == "end" and bool(verification) and not verification["passed"]
-            summary.append(shown)
-            if len(summary) > head["stored"]:
-                show(shown)
-            if terminal.json:
-                terminal.print_json(record)
+        head, summary = _streamed(records, SHOWN, terminal, show)
     if not terminal.json:
         print_branch(terminal.results, summary, param, None if gait is None else gait.problem)
         terminal.results.print(f"run: {head['folder']}", soft_wrap=True)
-    return NOT_VERIFIED if refuted else 0
+    ends = [record["verification"] for record in summary if record.get("type") == "end"]
+    return NOT_VERIFIED if any(checked and not checked["passed"] for checked in ends) else 0
+
+
+def _streamed(
+    records: Iterator[dict[str, Any]], keys: Sequence[str], terminal: Terminal, show: Callable[[Record], None]
+) -> tuple[Record, list[dict[str, Any]]]:
+    """Show the new ones of stored records, and print all of them as JSON lines with ``--json``.
+
+    Returns
+    -------
+    head : the first record, the request.
+    summary : the entries ``keys`` of the other records, with the mode sequence of points and the verification of
+        special points.
+    """
+    from gaitopt.show.tables import sequence
+
+    head, summary = next(records), list[dict[str, Any]]()
+    if head["stored"]:
+        terminal.say(f"resumed from {head['folder']} after {head['stored']} records")
+    for record in records:
+        shown = {key: record[key] for key in keys if key in record}
+        if record["record"] == "point":
+            shown["sequence"] = sequence(record)
+        else:
+            shown["verification"] = record["gait"].get("verification")
+        summary.append(shown)
+        if len(summary) > head["stored"]:
+            show(shown)
+        if terminal.json:
+            terminal.print_json(record)
+    return head, summary
 
 
 @contextmanager
@@ -180,14 +175,14 @@ def trace(
             help="The K-th special point of a branch; or of a trace, for the curve that begins there.",
         ),
     ],
-    param: Annotated[str, option(TraceRequest, "key", "--param", metavar="KEY")],
-    to: Annotated[list[str], option(TraceRequest, "to", metavar="VALUE")],
-    lower: Annotated[str | None, option(TraceRequest, "lower", metavar="VALUE")] = None,
-    upper: Annotated[str | None, option(TraceRequest, "upper", metavar="VALUE")] = None,
-    max_points: Annotated[int, option(TraceRequest, "max_points")] = 2000,
-    max_seconds: Annotated[float | None, option(TraceRequest, "max_seconds")] = None,
-    verify_every: Annotated[int, option(TraceRequest, "verify_every")] = 10,
-    output: OutOption = None,
+    param: Annotated[str, options.option(TraceRequest, "key", "--param", metavar="KEY")],
+    to: Annotated[list[str], options.option(TraceRequest, "to", metavar="VALUE")],
+    lower: Annotated[str | None, options.option(TraceRequest, "lower", metavar="VALUE")] = None,
+    upper: Annotated[str | None, options.option(TraceRequest, "upper", metavar="VALUE")] = None,
+    max_points: Annotated[int, options.option(TraceRequest, "max_points")] = 2000,
+    max_seconds: Annotated[float | None, options.option(TraceRequest, "max_seconds")] = None,
+    verify_every: Annotated[int, options.option(TraceRequest, "verify_every")] = 10,
+    output: options.OutOption = None,
 ) -> int:
     """Follow a special point of a branch in two parameters.
 
@@ -196,31 +191,25 @@ def trace(
     Every point is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import stored, verbs
-    from gaitopt.show.tables import event, print_trace, sequence
+    from gaitopt.show.tables import event, print_trace
 
-    start, targets = stored.load_curve_start(run), [number(value, "--to") for value in to]
-    least = None if lower is None else number(lower, "--lower")
-    largest = None if upper is None else number(upper, "--upper")
-    summary = list[dict[str, Any]]()
+    start, targets = stored.load_curve_start(run), [options.number(value, "--to") for value in to]
+    least = None if lower is None else options.number(lower, "--lower")
+    largest = None if upper is None else options.number(upper, "--upper")
     with interruptible() as interrupted, terminal.narration.status("tracing") as status:
+
+        def show(record: Record) -> None:
+            place = ", ".join(f"{key} = {value:.9g}" for key, value in record["values"].items())
+            if record["record"] == "point":
+                status.update(place)
+            else:
+                terminal.say(f"  {place}: {event(record)}")
+
         records = verbs.trace_records(
             start, param, targets, lower=least, upper=largest, max_points=max_points, max_seconds=max_seconds,
             verify_every=verify_every, output=output, should_stop=interrupted,
         )  # fmt: skip
-        head = next(records)
-        if head["stored"]:
-            terminal.say(f"resumed from {head['folder']} after {head['stored']} records")
-        for record in records:
-            shown = {key: record[key] for key in TRACED if key in record}
-            place = ", ".join(f"{key} = {value:.9g}" for key, value in record["values"].items())
-            if record["record"] == "point":
-                shown["sequence"] = sequence(record)
-                status.update(place)
-            elif len(summary) >= head["stored"]:
-                terminal.say(f"  {place}: {event(record)}")
-            summary.append(shown)
-            if terminal.json:
-                terminal.print_json(record)
+        head, summary = _streamed(records, TRACED, terminal, show)
     if not terminal.json:
         print_trace(terminal.results, summary, (head["parameter"], head["key"]))
         terminal.results.print(f"run: {head['folder']}", soft_wrap=True)
@@ -230,10 +219,10 @@ def trace(
 
 def front(
     terminal: Terminal,
-    problem: ProblemArgument,
-    over: OverOption,
-    changes: SetOption = None,
-    output: OutOption = None,
+    problem: options.ProblemArgument,
+    over: options.OverOption,
+    changes: options.SetOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """Solve a series of designs along one key, such as least cost versus speed.
 
@@ -245,7 +234,7 @@ def front(
     from gaitopt.gait.records import is_gait
     from gaitopt.show.tables import print_front
 
-    ranges, loaded = grid(over), load(problem, changes, terminal)
+    ranges, loaded = options.grid(over), load(problem, changes, terminal)
     with terminal.working("designs") as (progress, interrupted):
         designs = verbs.front(loaded, ranges, output=output, progress=progress, should_stop=interrupted)
     figures = save_figures(designs, designs.file.parent) if designs.file is not None else []
@@ -259,16 +248,16 @@ def front(
 
 def sweep(
     terminal: Terminal,
-    problem: ProblemArgument,
-    over: GridOption,
-    warm: Annotated[bool, option(SweepRequest, "warm")] = False,
+    problem: options.ProblemArgument,
+    over: options.GridOption,
+    warm: Annotated[bool, options.option(SweepRequest, "warm")] = False,
     what: Annotated[str, typer.Option("--what", metavar="NAME", help="Scalar to draw.")] = "spectral_radius",
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    changes: SetOption = None,
-    from_guess: GuessOption = False,
-    method: MethodOption = "auto",
-    output: OutOption = None,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    changes: options.SetOption = None,
+    from_guess: options.GuessOption = False,
+    method: options.MethodOption = "auto",
+    output: options.OutOption = None,
 ) -> int:
     """Solve and verify a problem on a grid of parameters.
 
@@ -282,7 +271,7 @@ def sweep(
 
     if what not in SCALARS:
         raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")
-    ranges, loaded = grid(over), load(problem, changes, terminal)
+    ranges, loaded = options.grid(over), load(problem, changes, terminal)
     with terminal.working("jobs") as (progress, interrupted):
         swept = verbs.sweep(
             loaded, ranges, warm=warm, from_guess=from_guess, method=method, workers=workers, scheduler=scheduler,
@@ -295,24 +284,24 @@ def sweep(
 
 def atlas(
     terminal: Terminal,
-    problem: ProblemArgument,
+    problem: options.ProblemArgument,
     over: Annotated[
         list[str],
         typer.Option(
             "--over", metavar="KEY=LO:HI", help="Range of a parameter; give it twice, first that of the branches."
         ),
     ],
-    slices: Annotated[int, option(AtlasRequest, "slices")] = 9,
-    refinements: Annotated[int, option(AtlasRequest, "refinements")] = 1,
-    max_points: Annotated[int, option(AtlasRequest, "max_points")] = 400,
-    steps: Annotated[int | None, option(AtlasRequest, "steps")] = None,
+    slices: Annotated[int, options.option(AtlasRequest, "slices")] = 9,
+    refinements: Annotated[int, options.option(AtlasRequest, "refinements")] = 1,
+    max_points: Annotated[int, options.option(AtlasRequest, "max_points")] = 400,
+    steps: Annotated[int | None, options.option(AtlasRequest, "steps")] = None,
     what: Annotated[
         str | None, typer.Option("--what", metavar="NAME", help="Scalar to draw as contours.", show_default=False)
     ] = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    changes: SetOption = None,
-    output: OutOption = None,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    changes: options.SetOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """Find where gaits exist, slip and are stable over two parameters.
 
@@ -325,7 +314,7 @@ def atlas(
 
     if what is not None and what not in SCALARS:
         raise UnknownNameError(f"--what {what}: no scalar of a gait; use {', '.join(SCALARS)}")
-    spans, loaded = intervals(over), load(problem, changes, terminal)
+    spans, loaded = options.intervals(over), load(problem, changes, terminal)
     with terminal.working("branches and curves") as (progress, interrupted):
         found = verbs.atlas(
             loaded, spans, slices=slices, refinements=refinements, max_points=max_points, steps=steps, workers=workers,
@@ -338,17 +327,17 @@ def atlas(
 
 def attractors(
     terminal: Terminal,
-    problem: ProblemArgument,
-    over: OverOption,
-    starts: Annotated[int, option(AttractorsRequest, "starts")] = 20,
-    transient: Annotated[int, option(AttractorsRequest, "transient")] = 200,
-    keep: Annotated[int, option(AttractorsRequest, "keep")] = 64,
-    seed: SeedOption = 0,
-    engine: EngineOption = "auto",
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    changes: SetOption = None,
-    output: OutOption = None,
+    problem: options.ProblemArgument,
+    over: options.OverOption,
+    starts: Annotated[int, options.option(AttractorsRequest, "starts")] = 20,
+    transient: Annotated[int, options.option(AttractorsRequest, "transient")] = 200,
+    keep: Annotated[int, options.option(AttractorsRequest, "keep")] = 64,
+    seed: options.SeedOption = 0,
+    engine: options.EngineOption = "auto",
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    changes: options.SetOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """Find the attractors of a walker at many values of a parameter.
 
@@ -359,7 +348,7 @@ def attractors(
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_attractors
 
-    ranges, loaded = grid(over), load(problem, changes, terminal)
+    ranges, loaded = options.grid(over), load(problem, changes, terminal)
     with terminal.working("values") as (progress, interrupted):
         result = verbs.attractors(
             loaded, ranges, starts=starts, transient=transient, keep=keep, seed=seed, engine=engine, workers=workers,
@@ -376,17 +365,17 @@ def attractors(
 
 def basin(
     terminal: Terminal,
-    run: RunArgument,
-    over: GridOption,
-    steps: Annotated[int, option(BasinRequest, "steps")] = 100,
-    engine: EngineOption = "auto",
-    floor: Annotated[str | None, option(FloorRequest, "floor", metavar="TILES")] = None,
-    random: Annotated[str | None, option(FloorRequest, "random", metavar="DISTRIBUTION")] = None,
-    seed: SeedOption = 0,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    changes: SetOption = None,
-    output: OutOption = None,
+    run: options.RunArgument,
+    over: options.GridOption,
+    steps: Annotated[int, options.option(BasinRequest, "steps")] = 100,
+    engine: options.EngineOption = "auto",
+    floor: Annotated[str | None, options.option(FloorRequest, "floor", metavar="TILES")] = None,
+    random: Annotated[str | None, options.option(FloorRequest, "random", metavar="DISTRIBUTION")] = None,
+    seed: options.SeedOption = 0,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    changes: options.SetOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """Compute basins of attraction on a grid of states.
 
@@ -398,7 +387,7 @@ def basin(
     from gaitopt.show.tables import print_basin
     from gaitopt.simulation.engine import INSTALL, choose_engine, is_installed
 
-    ranges, tiles = grid(over), options.floor(floor, random, seed, steps)
+    ranges, tiles = options.grid(over), options.floor(floor, random, seed, steps)
     choose_engine(engine)
     gait, folder, fresh = gait_of(run, changes, output, terminal)
     if fresh and not gait.converged:

@@ -6,23 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitopt.cli import options
-from gaitopt.cli.options import (
-    EngineOption,
-    GuessOption,
-    MethodOption,
-    OutOption,
-    ProblemArgument,
-    RunArgument,
-    SamplesOption,
-    SchedulerOption,
-    SecondsOption,
-    SeedOption,
-    SetOption,
-    WorkersOption,
-    key_value,
-    ranges,
-)
-from gaitopt.cli.runs import gait_of, is_folder, load, report, shown_result, solve_verified, stored_gait
+from gaitopt.cli.runs import gait_of, is_folder, known_gait, load, report, shown_result, solve_verified, stored_gait
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.requests import (
@@ -75,17 +59,17 @@ def solve(
         ),
     ] = None,
     starts: Annotated[int, options.option(StartsRequest, "starts")] = 1,
-    seed: SeedOption = 0,
+    seed: options.SeedOption = 0,
     spread: Annotated[float, options.option(StartsRequest, "spread")] = 0.3,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    changes: SetOption = None,
-    from_guess: GuessOption = False,
-    method: MethodOption = "auto",
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    changes: options.SetOption = None,
+    from_guess: options.GuessOption = False,
+    method: options.MethodOption = "auto",
     newton_steps: Annotated[int, options.option(SolveRequest, "newton_steps")] = NEWTON_STEPS,
     ipopt_iterations: Annotated[int, options.option(SolveRequest, "ipopt_iterations")] = IPOPT_ITERATIONS,
     intervals: Annotated[int, options.option(SolveRequest, "intervals")] = INTERVALS,
-    output: OutOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """Solve for a gait, verify it and store it.
 
@@ -163,7 +147,7 @@ def _started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
 
 def simulate(
     terminal: Terminal,
-    run: RunArgument,
+    run: options.RunArgument,
     state: Annotated[
         list[str] | None,
         typer.Option(
@@ -176,13 +160,13 @@ def simulate(
     steps: Annotated[int | None, options.option(SimulateRequest, "steps")] = None,
     time: Annotated[float | None, options.option(UntilRequest, "time")] = None,
     events: Annotated[int | None, options.option(UntilRequest, "events")] = None,
-    engine: EngineOption = "auto",
+    engine: options.EngineOption = "auto",
     longest_step: Annotated[float | None, options.option(SimulateRequest, "longest_step")] = None,
     floor: Annotated[str | None, options.option(FloorRequest, "floor", metavar="TILES")] = None,
     random: Annotated[str | None, options.option(FloorRequest, "random", metavar="DISTRIBUTION")] = None,
     seed: options.SeedOption = 0,
-    changes: SetOption = None,
-    output: OutOption = None,
+    changes: options.SetOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """Simulate steps from a state, or a motion until a time.
 
@@ -216,14 +200,14 @@ def simulate(
 
 def verify(
     terminal: Terminal,
-    run: RunArgument,
-    engine: EngineOption = "auto",
+    run: options.RunArgument,
+    engine: options.EngineOption = "auto",
     tolerance: Annotated[float, options.option(VerifyRequest, "tolerance")] = AGREEMENT,
     optimum: Annotated[
         bool, typer.Option("--optimum", help="Search near a design for a better one that meets the constraints.")
     ] = False,
-    changes: SetOption = None,
-    output: OutOption = None,
+    changes: options.SetOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """Verify a gait by forward simulation.
 
@@ -235,9 +219,7 @@ def verify(
 
     choose_engine(engine)
     with shown_result(lambda gait: report(gait, None, terminal)):
-        gait, folder, fresh = gait_of(run, changes, output, terminal)
-    if not gait.converged:
-        return report(gait, None, terminal)
+        gait, folder, fresh = known_gait(run, changes, output, terminal)
     if not fresh or engine != "auto" or tolerance != AGREEMENT:
         terminal.say("verifying by forward simulation")
         gait = gait.verified(verbs.verify(gait, engine=engine, tolerance=tolerance).to_record())
@@ -254,7 +236,7 @@ def verify(
     return code if searched.optimal else NOT_VERIFIED
 
 
-def sensitivity(terminal: Terminal, run: RunArgument, changes: SetOption = None) -> int:
+def sensitivity(terminal: Terminal, run: options.RunArgument, changes: options.SetOption = None) -> int:
     """Differentiate a gait by every continuous parameter.
 
     The derivatives of state, period, step length, speed, costs, required friction, multipliers and spectral radius are
@@ -263,27 +245,25 @@ def sensitivity(terminal: Terminal, run: RunArgument, changes: SetOption = None)
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_derivatives
 
-    gait, _, _ = gait_of(run, changes, None, terminal)
-    if not gait.converged:
-        return report(gait, None, terminal)
+    gait, _, _ = known_gait(run, changes, None, terminal)
     terminal.show(verbs.sensitivity(gait).to_record(), print_derivatives)
     return 0
 
 
 def robustness(
     terminal: Terminal,
-    run: RunArgument,
+    run: options.RunArgument,
     what: Annotated[str | None, options.option(RobustnessRequest, "what")] = None,
     over: Annotated[str | None, options.option(RobustnessRequest, "over", metavar="KEY")] = None,
     random: Annotated[str | None, options.option(RobustnessRequest, "random", metavar="DISTRIBUTION")] = None,
     walks: Annotated[int, options.option(RobustnessRequest, "walks")] = 400,
     steps: Annotated[int, options.option(RobustnessRequest, "steps")] = 1000,
     seed: options.SeedOption = 0,
-    engine: EngineOption = "auto",
+    engine: options.EngineOption = "auto",
     workers: options.WorkersOption = None,
     scheduler: options.SchedulerOption = None,
-    changes: SetOption = None,
-    output: OutOption = None,
+    changes: options.SetOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """How robust a stable gait is on an uncertain floor.
 
@@ -294,9 +274,7 @@ def robustness(
     from gaitopt.show.tables import print_robustness
 
     RobustnessRequest(what=what, over=over, random=random, walks=walks, steps=steps, seed=seed)
-    gait, _, _ = gait_of(run, changes, None, terminal)
-    if not gait.converged:
-        return report(gait, None, terminal)
+    gait, _, _ = known_gait(run, changes, None, terminal)
     with (
         shown_result(lambda gait: report(gait, None, terminal)),
         terminal.working("figures") as (progress, interrupted),
@@ -312,12 +290,12 @@ def robustness(
 
 def stabilise(
     terminal: Terminal,
-    run: RunArgument,
+    run: options.RunArgument,
     law: Annotated[str | None, options.option(StabiliseRequest, "law")] = None,
     phase: Annotated[str | None, options.option(StabiliseRequest, "phase")] = None,
     degree: Annotated[int | None, options.option(StabiliseRequest, "degree")] = None,
     radius: Annotated[float, options.option(StabiliseRequest, "radius")] = 1.0,
-    changes: SetOption = None,
+    changes: options.SetOption = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE.yaml", help="Write the problem with the law.")
     ] = None,
@@ -336,9 +314,7 @@ def stabilise(
     StabiliseRequest(law=kind, phase=phase, degree=degree, radius=radius)
     if output is not None:
         stored.check_problem_file(output)
-    gait, _, _ = gait_of(run, changes, None, terminal)
-    if not gait.converged:
-        return report(gait, None, terminal)
+    gait, _, _ = known_gait(run, changes, None, terminal)
     with interruptible() as interrupted:
         made = verbs.stabilise(
             gait, law=law, phase=phase, degree=degree, radius=radius, output=output, progress=terminal.say,
@@ -355,17 +331,17 @@ def stabilise(
 
 def find(
     terminal: Terminal,
-    problem: ProblemArgument,
+    problem: options.ProblemArgument,
     steps: Annotated[int | None, options.option(FindRequest, "steps")] = None,
-    starts: SamplesOption = 1000,
-    seed: SeedOption = 0,
+    starts: options.SamplesOption = 1000,
+    seed: options.SeedOption = 0,
     within: Annotated[list[str] | None, options.option(FindRequest, "within", metavar="KEY=LO:HI")] = None,
-    method: MethodOption = "auto",
-    seconds: SecondsOption = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    changes: SetOption = None,
-    output: OutOption = None,
+    method: options.MethodOption = "auto",
+    seconds: options.SecondsOption = None,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    changes: options.SetOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """Find all gaits of a walker, with any mode sequence.
 
@@ -388,8 +364,8 @@ def find(
 
     with terminal.working("parts of the search") as (progress, interrupted):
         gaits = verbs.find(
-            loaded, steps=steps, starts=starts, seed=seed, within=ranges(within), method=method, seconds=seconds,
-            workers=workers, scheduler=scheduler, output=output or True, found=name, progress=progress,
+            loaded, steps=steps, starts=starts, seed=seed, within=options.ranges(within), method=method,
+            seconds=seconds, workers=workers, scheduler=scheduler, output=output or True, found=name, progress=progress,
             should_stop=interrupted,
         )  # fmt: skip
     folder = Run.of(gaits.problem, output).folder
@@ -399,12 +375,12 @@ def find(
 
 def explain(
     terminal: Terminal,
-    problem: ProblemArgument,
-    starts: SamplesOption = 1000,
-    seed: SeedOption = 0,
-    seconds: SecondsOption = None,
-    workers: WorkersOption = None,
-    changes: SetOption = None,
+    problem: options.ProblemArgument,
+    starts: options.SamplesOption = 1000,
+    seed: options.SeedOption = 0,
+    seconds: options.SecondsOption = None,
+    workers: options.WorkersOption = None,
+    changes: options.SetOption = None,
 ) -> int:
     """Explain why a problem has no gait.
 
@@ -444,8 +420,8 @@ def prove(
     ],
     check: Annotated[bool, typer.Option("--check", help="Verify a certificate again, without any search.")] = False,
     width: Annotated[float | None, options.option(ProveRequest, "width")] = None,
-    changes: SetOption = None,
-    output: OutOption = None,
+    changes: options.SetOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """Prove existence, mode sequence and stability of a gait.
 
@@ -466,9 +442,7 @@ def prove(
     if width is not None:
         raise typer.BadParameter("--width applies to special points only, RUN@special.K")
     values, intervals = _intervals(changes)
-    gait, folder, _ = gait_of(run, values, output, terminal)
-    if not gait.converged:
-        return report(gait, None, terminal)
+    gait, folder, _ = known_gait(run, values, output, terminal)
     terminal.say(f"proving {gait.problem.name}; this takes ten seconds to some minutes")
     file = (output or folder) / verbs.CERTIFICATE_FILE
     return _report_proof(verbs.prove(gait, intervals, output=file, progress=terminal.say), file, terminal)
@@ -491,7 +465,7 @@ def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, s
     """The options ``--set`` with every interval replaced by its middle, and the intervals ``LO..HI`` by key."""
     from gaitopt.proof.arithmetic import INTERVAL, ball, precision
 
-    pairs = [key_value(text, "--set") for text in changes or ()]
+    pairs = [options.key_value(text, "--set") for text in changes or ()]
     intervals = {key: text for key, text in pairs if INTERVAL in text}
     try:
         with precision():
@@ -510,14 +484,14 @@ def _report_proof(proof: "Proof", file: Path, terminal: Terminal) -> int:
 
 def replay(
     terminal: Terminal,
-    run: RunArgument,
+    run: options.RunArgument,
     engine: Annotated[str, typer.Option("--engine", help="mujoco, drake, pybullet or siconos.")],
     setting: Annotated[
         str | None, typer.Option("--setting", help="default or best. Default: both.", show_default=False)
     ] = None,
     time_steps: Annotated[list[float] | None, options.option(ReplayRequest, "time_steps", "--dt")] = None,
-    changes: SetOption = None,
-    output: OutOption = None,
+    changes: options.SetOption = None,
+    output: options.OutOption = None,
 ) -> int:
     """Replay a gait in another physics engine.
 
@@ -529,9 +503,7 @@ def replay(
     from gaitopt.show.tables import print_replay
 
     adapter(engine)
-    gait, folder, _ = gait_of(run, changes, output, terminal)
-    if not gait.converged:
-        return report(gait, None, terminal)
+    gait, folder, _ = known_gait(run, changes, output, terminal)
     folder = output or folder
     with terminal.working(f"runs of {engine}") as (progress, interrupted):
         replays = verbs.replay(

@@ -230,9 +230,9 @@ def _run(arguments: list[str]) -> int:
     try:
         with _commands().make_context("gaitopt", list(arguments)) as context:
             code = context.command.invoke(context)
-        sys.stdout.flush()
-    except typer.Exit as ending:  # --help, --version
-        return ending.exit_code
+    except typer.Exit as ending:  # --help, --version, or a gait that was not found
+        code = ending.exit_code
+    sys.stdout.flush()
     return int(code)
 
 

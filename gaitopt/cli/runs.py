@@ -99,6 +99,16 @@ def gait_of(
     return solve_verified(problem, terminal, folder if keep else None), folder, True
 
 
+def known_gait(
+    run: str, changes: list[str] | None, output: Path | None, terminal: Terminal, *, keep: bool = True
+) -> "tuple[Gait, Path, bool]":
+    """A gait and what ``gait_of`` says about it; a failed solve is reported, and ends the command."""
+    gait, folder, fresh = gait_of(run, changes, output, terminal, keep=keep)
+    if not gait.converged:
+        raise typer.Exit(report(gait, None, terminal))
+    return gait, folder, fresh
+
+
 def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Terminal) -> "tuple[list[Gait], list[Path]]":
     """Gaits and their run folders; failed solves are reported.
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from gaitopt.cli.options import ProblemArgument, RunArguments, SetOption
+from gaitopt.cli import options
 from gaitopt.cli.runs import gaits_of, load
 from gaitopt.cli.terminal import NOT_A_GAIT, Terminal
 
@@ -47,8 +47,8 @@ class TextFormat(StrEnum):
 
 def show(
     terminal: Terminal,
-    problem: ProblemArgument,
-    changes: SetOption = None,
+    problem: options.ProblemArgument,
+    changes: options.SetOption = None,
     form: Annotated[
         TextFormat | None,
         typer.Option("--format", help="Print the problem file as it is, or the walker's links for other programs."),
@@ -82,7 +82,7 @@ def show(
     return 0
 
 
-def validate(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
+def validate(terminal: Terminal, problem: options.ProblemArgument, changes: options.SetOption = None) -> int:
     """Check a problem and list all its errors."""
     loaded = load(problem, changes, terminal)
     record = {"problem": loaded.name, "valid": True, "hash": loaded.digest}
@@ -111,7 +111,7 @@ class Format(StrEnum):
 
 def plot(
     terminal: Terminal,
-    runs: RunArguments,
+    runs: options.RunArguments,
     what: Annotated[
         list[str] | None,
         typer.Option(
@@ -131,7 +131,7 @@ def plot(
         list[str] | None,
         typer.Option("--over", metavar="RUN", help="Draw attractors over the branches in this run; may be repeated."),
     ] = None,
-    changes: SetOption = None,
+    changes: options.SetOption = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -180,8 +180,8 @@ def plot(
 
 def report(
     terminal: Terminal,
-    runs: RunArguments,
-    changes: SetOption = None,
+    runs: options.RunArguments,
+    changes: options.SetOption = None,
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="FILE", help="The page. Default: RUN/report.html.", show_default=False),
