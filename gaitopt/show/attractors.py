@@ -5,7 +5,6 @@ bands.
 """
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,15 +16,17 @@ from gaitopt.gait.branch import TERMINAL
 from gaitopt.model.section import cycle_start
 from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.attractors import Attractors
-from gaitopt.show.branches import UNSTABLE, is_stable, joined
+from gaitopt.show.branches import UNSTABLE, draw_branch, joined
 from gaitopt.show.style import COLOURS, NEUTRAL, Parameter, entry, legend_below, panels, symbol, typeset
 
 Record = Mapping[str, Any]
 
 HEIGHT = 4.6
 """Height of the figure [inch]."""
-ATTRACTOR_COLOUR, STABLE_COLOUR, UNSTABLE_COLOUR = COLOURS[6], COLOURS[0], COLOURS[1]
-"""Colours of attractors, and of stable and unstable gaits of branches."""
+ATTRACTOR_COLOUR = COLOURS[6]
+STABLE_LINE: dict[str, Any] = {"color": COLOURS[0], "linewidth": 1.8}
+UNSTABLE_LINE: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.2, "linestyle": UNSTABLE}
+"""Lines of stable and of unstable gaits of branches."""
 SMALLEST_RADIUS = 1e-300
 """The logarithm of a smaller spectral radius, with which all deviations vanish, is drawn as that of this number."""
 CHAOTIC_EXPONENT = 0.0
@@ -51,8 +52,7 @@ def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Se
     for stored in branches.values():
         _draw_branch(axes, parameter.shown(stored), name)
     if branches:
-        handles += [entry("stable gaits", color=STABLE_COLOUR, linewidth=2.2)]
-        handles += [entry("unstable gaits", color=UNSTABLE_COLOUR, linewidth=1.2, linestyle=UNSTABLE)]
+        handles += [entry("stable gaits", **STABLE_LINE | {"linewidth": 2.2}), entry("unstable gaits", **UNSTABLE_LINE)]
     if name == "lyapunov":
         points = [
             (record["value"], run["lyapunov"])
@@ -94,10 +94,4 @@ def _draw_branch(axes: Axes, records: Sequence[Record], name: str) -> None:
     for branch in sorted({point["branch"] for point in points}):
         own = sorted((point for point in points if point["branch"] == branch), key=lambda point: point["index"])
         line = joined(own, specials, "spectral_radius")
-        values, rows = np.array([gait["value"] for gait in line]), [heights(gait) for gait in line]
-        most = max(map(len, rows))  # where a doubled family begins, the cycle of its origin counts twice
-        columns, stable = np.array([row * (most // len(row)) for row in rows]), np.array([is_stable(g) for g in line])
-        for first, last in pairwise([0, *(np.flatnonzero(np.diff(stable)) + 1), len(line)]):
-            run = slice(max(first - 1, 0), last)
-            look: dict[str, Any] = {"linewidth": 1.8} if stable[first] else {"linewidth": 1.2, "linestyle": UNSTABLE}
-            axes.plot(values[run], columns[run], color=STABLE_COLOUR if stable[first] else UNSTABLE_COLOUR, **look)
+        draw_branch(axes, line, [heights(gait) for gait in line], STABLE_LINE, UNSTABLE_LINE)

@@ -28,6 +28,8 @@ Multipliers = NDArray[np.complex128]
 
 UNSTABLE: Any = (0, (1.2, 1.4))
 """Line style of unstable gaits."""
+STABLE_LINE: dict[str, Any] = {"linewidth": 2.2}
+UNSTABLE_LINE: dict[str, Any] = {"linewidth": 1.3, "linestyle": UNSTABLE}
 LARGEST_LINEAR = 10.0
 """If a multiplier is larger, the axis is logarithmic, so that those near the unit circle can still be distinguished."""
 SPECIAL_LOOKS = {
@@ -101,7 +103,9 @@ def over_parameter(
         for number, branch in groupby(points, key=lambda point: point["branch"]):
             title = sequences.get(number, name)
             branch_colour = sequence_colours.get(title, colour)
-            _draw_branch(axes, joined(list(branch), specials, quantity), quantity, branch_colour)
+            line = joined(list(branch), specials, quantity)
+            heights, ink = [_heights(point, quantity) for point in line], {"color": branch_colour}
+            draw_branch(axes, line, heights, STABLE_LINE | ink, UNSTABLE_LINE | ink)
             if several or len(sequences) > 1:
                 handles[title] = entry(title, color=branch_colour)
         marks += _mark(axes, specials, points, quantity, colour if several else NEUTRAL)
@@ -115,7 +119,7 @@ def over_parameter(
     written = label(quantity, parameter.problem)
     split = any(len(_heights(point, quantity)) > 1 for point in drawn)
     axes.set_ylabel(str(replace(written, words=f"{written.words} of each step") if split else written))
-    stability = [entry("stable", linewidth=2.2), entry("unstable", linewidth=1.3, linestyle=UNSTABLE)]
+    stability = [entry("stable", **STABLE_LINE), entry("unstable", **UNSTABLE_LINE)]
     looks = [SPECIAL_LOOKS.get(kind, (kind, USER_MARKER)) for kind in sorted({kind for kind, *_ in marks})]
     markers = [entry(title, marker=marker, linestyle="", markerfacecolor="white") for title, marker in looks]
     legend_below(figure, [*handles.values(), *stability, *markers])
@@ -166,18 +170,27 @@ def _heights(point: Record, quantity: str) -> list[float]:
     return [point[quantity]]
 
 
-def _draw_branch(axes: Axes, branch: Sequence[Record], quantity: str, colour: str) -> None:
-    """Draw runs of equal stability; neighbouring runs share a point, so that no gap opens between them."""
+def draw_branch(
+    axes: Axes,
+    branch: Sequence[Record],
+    heights: Sequence[list[float]],
+    stable_look: Mapping[str, Any],
+    unstable_look: Mapping[str, Any],
+) -> None:
+    """Draw runs of equal stability; neighbouring runs share a point, so that no gap opens between them.
+
+    Parameters
+    ----------
+    heights : for every point of the branch, a height of the gait or of each of its steps.
+    stable_look, unstable_look : properties of the lines.
+    """
     values = np.array([point["value"] for point in branch])
-    scalars = [_heights(point, quantity) for point in branch]
-    n_steps = max(map(len, scalars))  # a doubled family begins with the cycle of its origin, which counts twice
-    heights = np.array([entries * (n_steps // len(entries)) for entries in scalars])
+    n_steps = max(map(len, heights))  # a doubled family begins with the cycle of its origin, which counts twice
+    columns = np.array([entries * (n_steps // len(entries)) for entries in heights])
     stable = np.array([is_stable(point) for point in branch])
-    cuts = [0, *(np.flatnonzero(np.diff(stable)) + 1), len(branch)]
-    for first, last in pairwise(cuts):
+    for first, last in pairwise([0, *(np.flatnonzero(np.diff(stable)) + 1), len(branch)]):
         run = slice(max(first - 1, 0), last)
-        line, width = ("-", 2.2) if stable[first] else (UNSTABLE, 1.3)
-        axes.plot(values[run], heights[run], color=colour, linestyle=line, linewidth=width)
+        axes.plot(values[run], columns[run], **(stable_look if stable[first] else unstable_look))
 
 
 def _mark(

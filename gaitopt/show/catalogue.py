@@ -13,14 +13,14 @@ from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait, require_gait
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
-from gaitopt.runs.atlas import Atlas, read_atlas
+from gaitopt.runs.atlas import Atlas
 from gaitopt.runs.attractors import Attractors, read_attractors
-from gaitopt.runs.basin import Basin, read_basin
+from gaitopt.runs.basin import Basin
 from gaitopt.runs.branch import stored_branch
 from gaitopt.runs.front import Front, front_file, read_fronts
-from gaitopt.runs.results import kind_of, restore_walk
-from gaitopt.runs.robustness import Robustness, read_robustness
-from gaitopt.runs.sweep import Sweep, read_sweep
+from gaitopt.runs.results import KINDS, kind_of
+from gaitopt.runs.robustness import Robustness
+from gaitopt.runs.sweep import Sweep
 from gaitopt.show.atlases import atlas_figure, scalar_names, sheet_names
 from gaitopt.show.attractors import bifurcation_diagram
 from gaitopt.show.branches import multiplier_paths, multiplier_plane, over_parameter
@@ -321,15 +321,6 @@ def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
         records = {name: branch for name, (_, _, branch) in branches.items()}
         return [_families_figures(records, parameter_of(problem, key))]
     kind = kind_of(folder)
-    if kind == "robustness":
-        return [figures_of(read_robustness(folder))]
-    if kind == "atlas":
-        return [figures_of(read_atlas(folder))]
-    if kind in ("basin", "sweep"):
-        result = read_basin(folder) if kind == "basin" else read_sweep(folder)
-        if len(result.grid.axes) > DRAWN_AXES:
-            raise UnknownNameError(f"{folder} is over {len(result.grid.axes)} keys; pictures are drawn over one or two")
-        return [figures_of(result)]
     if kind == "attractors":
         if foreign := [place for place in over if kind_of(place) != "branch"]:
             raise UnknownNameError(f"--over {foreign[0]}: is not a folder with branches, as `gaitopt continue` writes")
@@ -344,6 +335,11 @@ def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
         raise UnknownNameError(f"--over draws attractors over branches, but {folder} contains no attractors")
     if kind == "branch":
         return [branch_figures(*stored_branch(folder))]
-    if kind == "walk":
-        return [figures_of(restore_walk(folder))]
-    return [figures_of(front) for front in read_fronts(folder)] if kind == "front" else []
+    if kind == "front":
+        return [figures_of(front) for front in read_fronts(folder)]
+    if kind not in ("basin", "sweep", "walk", "robustness", "atlas"):
+        return []
+    result = KINDS[kind][1](folder)
+    if isinstance(result, Basin | Sweep) and len(result.grid.axes) > DRAWN_AXES:
+        raise UnknownNameError(f"{folder} is over {len(result.grid.axes)} keys; pictures are drawn over one or two")
+    return [figures_of(result)]

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from html import escape
 from itertools import cycle
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -69,14 +70,14 @@ POINTS = 17
 
 
 def render(template: str, **content: Any) -> str:
-    """The page of a template; texts are escaped."""
+    """The page of a template; texts are escaped. Only a page about gaits has ``checks``, their verifications."""
     templates = Environment(
         loader=PackageLoader("gaitopt.show", "web"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
     templates.filters |= {"figure": figure, "packed": packed}
     templates.policies["json.dumps_kwargs"] = {"sort_keys": False, "separators": (",", ":")}
-    return templates.get_template(template).render(content)
+    return templates.get_template(template).render({"checks": [], **content})
 
 
 def packed(data: Mapping[str, Any]) -> str:
@@ -119,7 +120,7 @@ def numbers(record: Record) -> dict[str, Any]:
     }
 
 
-def provenance(problem: Problem, solver: Mapping[str, float | str]) -> dict[str, Any]:
+def provenance(problem: Problem, solver: Mapping[str, float | str] = MappingProxyType({})) -> dict[str, Any]:
     """The text of the problem, its hash and the versions of all packages, for the foot of a page."""
     known = Manifest.of(problem)
     return {
@@ -217,16 +218,16 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
     moved = [dynamics.at({**point["parameters"], parameter: point["value"]}) for point in points]
     motions = (motion_from_record(*pair, name=problem.name, points=POINTS) for pair in zip(moved, points, strict=True))
     films: list[Record] = [film(motion, FRAMES) for motion in motions]
-    common = _common(films)
+    common, own = _common(films)
     gaits = [
         {
-            "film": {key: value for key, value in moving.items() if key not in common},
+            "film": moving,
             "branch": point["branch"],
             "value": point["value"],
             **_of_each_step(point),
             **numbers(_without([parameter], point)),
         }
-        for point, moving in zip(shown.shown(points), films, strict=True)
+        for point, moving in zip(shown.shown(points), own, strict=True)
     ]
     specials = [_special(record) for record in shown.shown(records) if record["record"] == "special"]
     return render(
@@ -241,8 +242,7 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
             "parameter": asdict(shown.label),
             **words(films, [_without([parameter], point) for point in points], problem),
         },
-        checks=[],
-        origins=[provenance(problem, {})],
+        origins=[provenance(problem)],
     )
 
 
@@ -273,17 +273,17 @@ def atlas_report(atlas: Atlas) -> str:
     for _, place, record in chosen:
         moved = dynamics.at(dict(zip(keys, place, strict=True)))
         films.append(film(motion_from_record(moved, record, name=atlas.problem.name, points=POINTS), FRAMES))
-    common, colours = _common(films), dict(zip(sequences(atlas), cycle(COLOURS), strict=False))
+    (common, own), colours = _common(films), dict(zip(sequences(atlas), cycle(COLOURS), strict=False))
     gaits = [
         {
-            "film": {key: value for key, value in moving.items() if key not in common},
+            "film": moving,
             "region": number,
             "sheet": found.regions[number].sheet,
             "place": _short_points(shown_in(np.array([place]), ranges))[0],
             **_of_each_step(record),
             **numbers(_without(keys, record)),
         }
-        for (number, place, record), moving in zip(chosen, films, strict=True)
+        for (number, place, record), moving in zip(chosen, own, strict=True)
     ]
     labels = [axis_label(axis, atlas) for axis in ranges]
     ends = shown_in(np.array([[axis.lower for axis in ranges], [axis.upper for axis in ranges]]), ranges).T.tolist()
@@ -326,8 +326,7 @@ def atlas_report(atlas: Atlas) -> str:
             ],
             **words(films, [_without(keys, record) for _, _, record in chosen], atlas.problem),
         },
-        checks=[],
-        origins=[provenance(atlas.problem, {})],
+        origins=[provenance(atlas.problem)],
     )
 
 
@@ -336,9 +335,10 @@ def _short_points(points: Array) -> list[list[float]]:
     return [[float(f"{value:.6g}") for value in point] for point in points.tolist()]
 
 
-def _common(films: Sequence[Record]) -> Record:
-    """The entries that are the same in all films."""
-    return {key: value for key, value in films[0].items() if all(other[key] == value for other in films)}
+def _common(films: Sequence[Record]) -> tuple[Record, list[Record]]:
+    """The entries that are the same in all films, and the other entries of each film."""
+    common = {key: value for key, value in films[0].items() if all(other[key] == value for other in films)}
+    return common, [{key: value for key, value in film.items() if key not in common} for film in films]
 
 
 def walks_page(gait: Gait, walks: Mapping[str, Walk], about: str, over: tuple[str, str] | None = None) -> str:
@@ -352,16 +352,16 @@ def walks_page(gait: Gait, walks: Mapping[str, Walk], about: str, over: tuple[st
     """
     moving = {words: walk for words, walk in walks.items() if walk.trajectory.steps}
     films: list[Record] = [film(motion_of_walk(walk)) for walk in moving.values()]
-    common, columns = _common(films), [gait.system.state_names.index(name) for name in over or ()]
+    (common, own), columns = _common(films), [gait.system.state_names.index(name) for name in over or ()]
     shown = [
         {
-            "film": {key: value for key, value in moved.items() if key not in common},
+            "film": moved,
             "words": words,
             "ending": walk.trajectory.ending,
             "message": walk.trajectory.message or f"walks on, {len(walk.complete_steps)} steps are shown",
             "start": [_rounded(walk.trajectory.start[column]) for column in columns],
         }
-        for moved, (words, walk) in zip(films, moving.items(), strict=True)
+        for moved, (words, walk) in zip(own, moving.items(), strict=True)
     ]
     plane = None
     if over:
@@ -381,8 +381,7 @@ def walks_page(gait: Gait, walks: Mapping[str, Walk], about: str, over: tuple[st
         title=gait.problem.name,
         about=about,
         data={"walks": shown, "common": common, "plane": plane, "first": next(goes_on, 0)},
-        checks=[],
-        origins=[provenance(gait.problem, {})],
+        origins=[provenance(gait.problem)],
     )
 
 
@@ -434,8 +433,7 @@ def walk_report(walk: Walk) -> str:
         rows=[(t, impact.replace("_", " "), state) for t, impact, state in rows],
         picture=svg(section_states(walk)),
         data={"film": film(motion_of_walk(walk))},
-        checks=[],
-        origins=[provenance(walk.problem, {})],
+        origins=[provenance(walk.problem)],
     )
 
 
@@ -449,6 +447,5 @@ def robustness_report(result: Robustness) -> str:
         picture=svg(strips(result, ALL)) if result.strips else "",
         rows=robustness_rows(result.to_record()),
         data={},
-        checks=[],
-        origins=[provenance(result.problem, {})],
+        origins=[provenance(result.problem)],
     )
