@@ -67,9 +67,10 @@ SHORTEST_STEP_TIME, LONGEST_STEP_TIME = 1e-6, 1e6
 
 
 AGREEMENT = 1e-9
-"""Tolerance of a verification: of period, switching times and states just after the impact, in natural units."""
+"""Default tolerance with which a verification compares period, switching times and states, in natural units."""
 FINEST_AGREEMENT, COARSEST_AGREEMENT = 1e-13, 1e-4
-"""Bounds of this tolerance. A smaller one is below rounding; with a larger one another gait could pass."""
+"""Bounds of the tolerance of a verification. A smaller one is below rounding; with a larger one another gait could
+pass."""
 NEWTON_STEPS = 9
 """Default of the largest number of Newton steps. A search whose steps halve from the longest allowed one on converges
 quadratically long before."""
@@ -253,6 +254,9 @@ METHOD = About("Newton's method from the guess, or IPOPT; auto uses IPOPT if New
 ENGINE = About("Integrator of the simulation.")
 SEED = About("Random seed.", least=0)
 STARTS = About("Number of start states of the search by simulation.", least=1, most=MOST_STARTS)
+MAX_POINTS = About("Maximum number of points per target.", least=1, effort=True)
+MAX_SECONDS = About("Time limit per target [s].", least=0.0, unit="s", effort=True)
+VERIFY_EVERY = About("Verify every N-th point by simulation; 0: none.", least=0)
 SECONDS = About(
     "Stop after this time, with what is known by then; the result then depends on the machine.",
     least=0.0,
@@ -372,7 +376,7 @@ class ExplainRequest(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class SearchRequest(Request):
-    """A search for gaits of any mode sequence."""
+    """The arguments that all searches for gaits of any mode sequence have in common."""
 
     starts: Annotated[int, STARTS] = 1000
     seed: Annotated[int, SEED] = 0
@@ -399,9 +403,9 @@ class ContinueRequest(Request):
     to: Annotated[tuple[float, ...], About("Target value; give two targets to continue in both directions.")]
     lower: Annotated[float | None, About("Lower bound of the parameter.")] = None
     upper: Annotated[float | None, About("Upper bound of the parameter.")] = None
-    max_points: Annotated[int, About("Maximum number of points per target.", least=1, effort=True)] = 2000
-    max_seconds: Annotated[float | None, About("Time limit per target [s].", least=0.0, unit="s", effort=True)] = None
-    verify_every: Annotated[int, About("Verify every N-th point by simulation; 0: none.", least=0)] = 10
+    max_points: Annotated[int, MAX_POINTS] = 2000
+    max_seconds: Annotated[float | None, MAX_SECONDS] = None
+    verify_every: Annotated[int, VERIFY_EVERY] = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -412,9 +416,9 @@ class TraceRequest(Request):
     to: Annotated[tuple[float, ...], About("Target of the second parameter; give two to trace in both directions.")]
     lower: Annotated[float | None, About("Lower bound of the parameter of the branch.")] = None
     upper: Annotated[float | None, About("Upper bound of the parameter of the branch.")] = None
-    max_points: Annotated[int, About("Maximum number of points per target.", least=1, effort=True)] = 2000
-    max_seconds: Annotated[float | None, About("Time limit per target [s].", least=0.0, unit="s", effort=True)] = None
-    verify_every: Annotated[int, About("Verify every N-th point by simulation; 0: none.", least=0)] = 10
+    max_points: Annotated[int, MAX_POINTS] = 2000
+    max_seconds: Annotated[float | None, MAX_SECONDS] = None
+    verify_every: Annotated[int, VERIFY_EVERY] = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -541,7 +545,7 @@ class ReplayRequest(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class WorkersRequest(Request):
-    """Where jobs run; the result does not depend on it."""
+    """The processes that run the jobs of a verb; the result does not depend on them."""
 
     workers: Annotated[int | None, About("Number of processes. Default: one per core.", least=1, most=MOST_WORKERS)] = (
         None

@@ -23,9 +23,9 @@ FULL_BAR = 1e-10
 MOST_PREDICTED_BY_FIRST = 10
 """If there are more jobs than this, the time of the first one does not predict the remaining time."""
 FIRST_LINES = 10
-"""Without a terminal, this many iterations have a line each."""
+"""Number of iterations that have a line each if the output is not a terminal."""
 LINE_EVERY = 5.0
-"""Time between two lines of progress without a terminal [s]."""
+"""Smallest time between two lines of progress if the output is not a terminal [s]."""
 
 CountProgress = bool | Callable[[int, int], None]
 """Argument ``progress`` of a call with countable jobs: whether to show it, or a function of finished jobs and total."""

@@ -64,7 +64,7 @@ def save_best_point(gait: Gait, folder: Path) -> None:
 
 
 def best_point_in(folder: Path) -> dict[str, Any] | None:
-    """The point where a failed design ended, if a run folder has one and no gait."""
+    """The point where a failed design ended; None if the run folder has a gait or no such point."""
     run = Run(folder)
     return run.read_object(BEST_FILE) if run.holds(BEST_FILE) and not run.holds(GAIT_FILE) else None
 
@@ -282,7 +282,7 @@ def load_special_point(place: str) -> tuple[SpecialPoint, str]:
 
 
 def load_curve_start(place: str) -> SpecialPoint | CurveStart:
-    """Where the trace of ``RUN@special.K`` begins: a special point of a branch, or a curve in ``next`` of a trace's.
+    """The start of a trace at ``RUN@special.K``: a special point of a branch, or a curve that begins at one of a trace.
 
     Raises
     ------

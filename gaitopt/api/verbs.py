@@ -33,7 +33,7 @@ from gaitopt.callbacks import Stop, TimeLimit
 from gaitopt.display import counted
 from gaitopt.errors import ArgumentError, GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
-from gaitopt.gait.gait import Attractor, Gait, require_gait
+from gaitopt.gait.gait import Attractor, Gait, require_converged, require_gait
 from gaitopt.gait.trace import CurveStart, Trace, TracePoint, TraceSpecial, collected_trace
 from gaitopt.model.control import Control
 from gaitopt.model.open_loop import OpenLoop
@@ -64,7 +64,7 @@ from gaitopt.search.find import Gaits, SearchPlan, search, with_open_modes
 from gaitopt.solver.program import NonlinearProgram
 from gaitopt.store.run import Run
 from gaitopt.systems import problem_program, solve_sequence
-from gaitopt.verification.verify import verify as verify  # a verb as it is
+from gaitopt.verification.verify import verify as verify  # this function is the public verb itself
 from gaitopt.verification.walk import Walk
 from gaitopt.verification.walk import simulate as simulate_walk
 from gaitopt.workers.jobs import Job, ResumableJobs, make_workers, run_jobs
@@ -95,7 +95,7 @@ Over = Mapping[str, tuple[float | str, float | str, int]]
 CERTIFICATE_FILE = "proof.json"
 """The certificate of a proof in the run folder of its gait."""
 STEP_BYTES_MEMORY, STEP_BYTES_DISK = 40_000, 20_000
-"""Size of the arcs of one step in memory, and on the disk as rows of a table [bytes]."""
+"""Estimated size of one simulated step in memory, and on the disk as rows of a table [bytes]."""
 
 
 def solve(
@@ -379,8 +379,8 @@ def stabilise(
 
     Virtual constraints: the joints with motors follow Bezier curves over a phase variable. Their end points make them
     invariant under the impact of the gait; the others are those that need the least additional torque, within the
-    friction cone and the motors' limits. PD control: the joints track curves over the clock, or over a phase variable;
-    of some gains the least ones that suffice are taken. The gait under the law is solved and verified.
+    friction cone and the motors' limits. PD control: the joints track curves over the clock, or over a phase variable,
+    with the smallest of the tried gains that suffice. The gait under the law is solved and verified.
 
     Parameters
     ----------
@@ -390,22 +390,22 @@ def stabilise(
         coordinates, otherwise PD control.
     phase : phase variable of the curves, or ``clock``; by default the first one that is monotone along the gait,
         beginning with those that the walker names; ``clock`` for PD control.
-    degree : degree of the curves; by default the least one that fits.
+    degree : degree of the curves; by default the lowest one that fits.
     radius : upper bound of the spectral radius.
     output : a file, ``NAME.yaml``, for the problem with the law.
-    progress : whether to show it, or a function that is called with a line about each law that does not do.
+    progress : whether to show it, or a function that is called with a line about each law that is rejected.
     should_stop : polled while gaits are solved.
 
     Returns
     -------
-    stabilised : ``problem`` and ``gait`` under the law, and how far they are from the given gait. Its ``objections``
-        are empty if it is what was asked for; otherwise it is the best law that was found.
+    stabilised : ``problem`` and ``gait`` under the law, and their distance from the given gait. Its ``objections`` list
+        the requirements that the best law found does not meet; they are empty if it meets all of them.
 
     Raises
     ------
     ProblemError
-        If the walker has no motors, or other than one less than shape coordinates for virtual constraints, if the gait
-        has several steps or contacts, or no phase is monotone along it.
+        If the walker has no motors; if virtual constraints are requested, but the walker does not have exactly one
+        motor less than shape coordinates; if the gait has several steps or contacts; or if no phase is monotone.
     SolveError
         If the gait is a failed solve, or there is no gait near it under the laws that were tried.
     StorageError
@@ -725,7 +725,7 @@ def trace(
 
     Parameters
     ----------
-    special : a special point of a branch; or one of the curves in ``next`` of a special point of another trace.
+    special : a special point of a branch; or an entry of ``next`` at a special point of another trace.
     key : dotted key of the second parameter, any scalar of walker, friction or control.
     to : target value of the second parameter; two values to trace in both directions.
     lower, upper : bounds of the parameter of the branch; by default ten times its value away from that.
@@ -889,10 +889,7 @@ def prove(
         gait = single.solve(problem)  # refined, and with the shooting nodes that a special point lacks
     if gait is None:
         raise SolveError(f"{start!r} has no gait")
-    if not gait.converged:
-        error = SolveError(f"{gait.problem.name} is {gait.status}: {gait.message}")
-        error.result = gait
-        raise error
+    require_converged(gait)
     if output is True:
         file = Run.of(gait.problem).path(CERTIFICATE_FILE)
         check_file(file)
@@ -996,10 +993,7 @@ def replay(
     named = known if settings is None else {settings: known[settings]} if isinstance(settings, str) else settings
     steps = sorted({*(request.time_steps or engines.TIME_STEPS)}, reverse=True)
     gait = start if isinstance(start, Gait) else solve(start, progress=False, should_stop=should_stop)
-    if not gait.converged:
-        error = SolveError(f"{gait.problem.name} is {gait.status}: {gait.message}")
-        error.result = gait
-        raise error
+    require_converged(gait)
     folder = _folder(gait.problem, output)
     if folder is not None:
         Run(folder).check(gait.problem, write=True)
@@ -1134,7 +1128,7 @@ def robustness(
     progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "Robustness":
-    """How robust a stable gait is on a floor that nobody knows exactly, and against pushes.
+    """Measure how robust a stable gait is on an uncertain floor and against pushes.
 
     A walk *returns* if within 400 steps the state just after the impact is within 1e-6 of the gait's, in natural units.
 
@@ -1153,7 +1147,7 @@ def robustness(
     Parameters
     ----------
     gait : a stable gait, or its problem, name or path.
-    what : some of these words, with commas between; all by default.
+    what : one or more of these words, separated by commas; all by default.
     over : dotted key of the parameter of the range; friction by default.
     random : distribution of the tiles on which falls are counted, see ``Floor.random``; by default, friction is uniform
         within 20 % of that of the problem.

@@ -1,8 +1,9 @@
 """The command line: options in, tables or JSON out, exit codes. It computes nothing; ``api`` does.
 
 - ``main``: the program, its commands, and the exit code of every ending.
-- ``gaits``: ``solve``, ``simulate``, ``verify``, ``stabilise``, ``find``, ``explain``, ``prove``, ``replay``.
-- ``families``: ``continue``, ``front``, ``sweep``, ``attractors``, ``basin``.
+- ``gaits``: ``solve``, ``simulate``, ``verify``, ``sensitivity``, ``robustness``, ``stabilise``, ``find``, ``explain``,
+  ``prove``, ``replay``.
+- ``families``: ``continue``, ``trace``, ``front``, ``sweep``, ``atlas``, ``attractors``, ``basin``.
 - ``views``: ``list``, ``show``, ``validate``, ``schema``, ``plot``, ``report``, ``reproduce``.
 - ``runs``: the argument RUN, a run folder or a problem.
 - ``options``: options that several commands take, and how their texts are read.

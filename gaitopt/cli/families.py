@@ -1,4 +1,4 @@
-"""Commands about many gaits or many walks: ``continue``, ``front``, ``sweep``, ``basin``, ``attractors``.
+"""Commands that compute many gaits or many walks: ``continue``, ``trace``, ``front``, ``sweep``, ``atlas``, ...
 
 Results are stored as soon as they are computed; a repeated command resumes.
 """
@@ -36,11 +36,8 @@ if TYPE_CHECKING:
 Record = Mapping[str, Any]
 
 SHOWN = ("record", "branch", "n_steps", "value", "type", "status", "reason", "next", "spectral_radius")
-"""Keys of a record that its line and the summary show. The rest of the record is not kept in memory."""
-
-
 TRACED = ("record", "curve", "values", "type", "status", "reason", "next", "coefficients")
-"""The same of a trace."""
+"""Keys of the records of a branch and of a trace that lines and summary show. The rest does not stay in memory."""
 
 
 def continue_(

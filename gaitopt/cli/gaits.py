@@ -265,10 +265,11 @@ def robustness(
     changes: options.SetOption = None,
     output: options.OutOption = None,
 ) -> int:
-    """How robust a stable gait is on an uncertain floor.
+    """Measure how robust a stable gait is on an uncertain floor.
 
-    The range of friction, patches of ice, steps and slopes of the ground, pushes, the gait sensitivity norm, and the
-    mean number of steps to a fall on random tiles. Finished figures are stored; repeat the command to resume.
+    The table has the stable range of friction, the limits of patches of ice, of steps and slopes of the ground and of
+    pushes, the gait sensitivity norm, and the mean number of steps to a fall on random tiles. Finished figures are
+    stored; repeat the command to resume.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_robustness

@@ -59,7 +59,7 @@ DEBUG: Shared = ("debug", Annotated[bool, typer.Option("--debug", help="Print th
 
 
 OF_TERMINAL = {"json": "json", "quiet": "quiet", "all": "every"}
-"""Attributes of the terminal by option."""
+"""The argument of ``Terminal`` that each shared option sets."""
 
 
 def with_shared_options(command: Callable[..., int], *shared: Shared) -> Callable[..., int]:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 Texts = Iterable[str] | None
 UNKNOWN_STEPS = 1000
-"""Tiles of a random floor for a walk until a time; the last one repeats."""
+"""Number of random tiles for a walk that ends at a time, whose number of steps is unknown. The last tile repeats."""
 
 
 def key_value(text: str, option: str) -> tuple[str, str]:
@@ -131,7 +131,7 @@ def number(text: str, option: str) -> float:
 
 
 def floor(tiles: str | None, random: str | None, seed: int, steps: int | None) -> "Floor | None":
-    """The floor of the options ``--floor``, a text or a CSV file, or ``--random``, as long as a walk may be."""
+    """The floor of ``--floor``, which is a text or a CSV file; or that of ``--random``, with a tile for every step."""
     from gaitopt.problem.floor import Floor, RandomFloor
 
     if tiles is not None and random is not None:
@@ -162,7 +162,7 @@ def counts(texts: Texts) -> dict[str, int]:
 
 
 def option(request: type[Request], name: str, flag: str = "", *, metavar: str | None = None) -> Any:
-    """The option for a field of a request, with its help, bounds and choices; its default name is the field's."""
+    """The option for a field of a request, with help, bounds and choices; its name is ``flag`` or that of the field."""
     field = entries(request)[name]
     is_number = field.is_number and metavar is None
     return typer.Option(

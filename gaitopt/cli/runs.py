@@ -177,7 +177,7 @@ def report(gait: "Gait", folder: Path | None, terminal: Terminal, more: "Mapping
 
 @contextmanager
 def shown_result(show: "Callable[[Any], object]") -> Iterator[None]:
-    """Show the result that an error in the block carries, which could not be stored or used, and raise the error."""
+    """Show the result that an error in the block carries, if any; such a result could not be stored or used."""
     try:
         yield
     except GaitoptError as error:

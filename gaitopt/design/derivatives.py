@@ -15,6 +15,7 @@ import numpy as np
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.design.sensitivity import Multiplier, Sensitivity
+from gaitopt.design.spectral_radius import RADIUS
 from gaitopt.display import Tabulated
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait.frames import data_frame
@@ -34,7 +35,6 @@ SMALLEST_DISTANCE = 1e-6
 of the return map moves it by the root of the rounding."""
 LARGEST_DERIVATIVE = 1e9
 """The gait is at a fold if the derivative of a state, in natural units and relative to the parameter, exceeds this."""
-SPECTRAL_RADIUS = "spectral_radius"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ class Derivatives(Tabulated, ReadOnlyArrays):
     @property
     def levers(self) -> list[tuple[str, float]]:
         """Change of the spectral radius per relative increase of each parameter, the largest first."""
-        row = self.table[self.quantities.index(SPECTRAL_RADIUS)] * self.at
+        row = self.table[self.quantities.index(RADIUS)] * self.at
         known = [(key, float(value)) for key, value in zip(self.parameters, row, strict=True) if value]
         return sorted((pair for pair in known if np.isfinite(pair[1])), key=lambda pair: -abs(pair[1]))
 
@@ -140,7 +140,7 @@ def derivatives(gait: Gait) -> Derivatives:
     name, keys = gait.problem.name, continuous_parameters(gait)
     if not gait.converged:
         raise SolveError(f"{name} is {gait.status}, so there is nothing to differentiate: {gait.message}")
-    at = _parameter_values(gait, keys)
+    at = np.array([gait.dynamics.parameter(key) for key in keys])
     try:
         sensitivity = Sensitivity(_solution(gait, keys))
     except RuntimeError:  # singular
@@ -154,7 +154,7 @@ def derivatives(gait: Gait) -> Derivatives:
     for phase in range(len(gait.phases)):
         rows[f"phases.{phase}.duration"] = sensitivity.smooth(f"phases.{phase}.duration")
     for key in relevant_scalars([gait.to_record()]):
-        if key not in SCALARS or key == SPECTRAL_RADIUS or gait.measures[key] is None:
+        if key not in SCALARS or key == RADIUS or gait.measures[key] is None:
             continue
         found = sensitivity.smooth(key) if SCALARS[key].formula else sensitivity.extremum(key)
         if found is None:
@@ -179,10 +179,6 @@ def _not_a_function(name: str) -> SolveError:
     return SolveError(
         f"{name}: the gait is not a function of its parameters here, as at a fold; take another point of its branch"
     )
-
-
-def _parameter_values(gait: Gait, keys: Sequence[str]) -> Array:
-    return np.array([gait.dynamics.parameter(key) for key in keys])
 
 
 def _solution(gait: Gait, keys: tuple[str, ...]) -> Solution:
@@ -213,11 +209,11 @@ def _stability(
     tied = [k for k in range(1, values.size) if abs(abs(values[k]) - abs(value)) < near]
     gradient_of_radius = none
     if 0 in multiple:
-        reasons[SPECTRAL_RADIUS] = "the largest multiplier is multiple"
+        reasons[RADIUS] = "the largest multiplier is multiple"
     elif any(abs(values[k] - np.conj(value)) > near for k in tied):
-        reasons[SPECTRAL_RADIUS] = "two multipliers have the largest modulus"
+        reasons[RADIUS] = "two multipliers have the largest modulus"
     elif abs(value) < near:
-        reasons[SPECTRAL_RADIUS] = "the largest multiplier is zero, where its modulus has a kink"
+        reasons[RADIUS] = "the largest multiplier is zero, where its modulus has a kink"
     else:
         gradient_of_radius = np.real(np.conj(value) * gradient) / abs(value)
-    yield SPECTRAL_RADIUS, (float(abs(value)), gradient_of_radius)
+    yield RADIUS, (float(abs(value)), gradient_of_radius)

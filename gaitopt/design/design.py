@@ -16,8 +16,9 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop, Valued
-from gaitopt.design.exact import RADIUS, SMALL, WORST, Evaluation, ExactProblem, freed_sizes
+from gaitopt.design.exact import SMALL, WORST, Evaluation, ExactProblem, freed_sizes
 from gaitopt.design.smoothed import SmoothedProblem, conflicts
+from gaitopt.design.spectral_radius import RADIUS
 from gaitopt.design.sqp import LARGEST_VIOLATION, SearchResult, kkt_residual, optimise
 from gaitopt.gait.gait import Cause, Gait, Status, best_point, describe_causes
 from gaitopt.gait.measures import exceeded_limits
@@ -45,7 +46,7 @@ AT_THE_EDGE = 1e-8
 """An optimum is at the edge of an impact that would stick if the margin, in natural units, is smaller: ``clearance`` is
 a hundredth of it."""
 SMALLEST_GAIN = 1e-9
-"""One design over scenarios is better than another one if its objective is lower by this part."""
+"""Smallest relative difference of two objectives by which one design over scenarios is better than another one."""
 CREDITED_COST = 1.2
 """If the ratio of absolute to net cost is larger, the message says that the design profits from negative work."""
 
@@ -74,8 +75,8 @@ class ScenarioOptimum:
     own : the gait of the first scenario, whose freed parameters are those of all.
     objective : value of the objective.
     violation : largest violation of a constraint.
-    shortcoming : why it is not an optimum, or its first gait is none; None if neither is so. Other scenarios may lie at
-        the end of their mode sequences, where a phase vanishes.
+    shortcoming : why it is not an optimum, or why there is no gait in the first scenario; None for an optimum with a
+        gait. In other scenarios a phase may vanish, which is the end of their mode sequences.
     edges : margins that limit it.
     """
 
@@ -133,7 +134,7 @@ def design_scenarios(
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> ScenarioOptimum | None:
-    """The best gaits over freed parameters that all have in common; None if a gait is lost.
+    """The best gaits of several scenarios, which share the values of all freed parameters; None if a gait is lost.
 
     Parameters
     ----------
@@ -230,7 +231,7 @@ class _Design:
         return self._exact(start, int(gait.solver.get("iterations", iterations)), cautious=True)
 
     def _exact(self, smoothed: Solution, iterations: int, *, cautious: bool = False) -> Gait:
-        """The optimum of the exact problem next to a solution of the smoothed one; ``cautious``: see ``optimise``."""
+        """The optimum of the exact problem next to that of the smoothed one; for ``cautious`` see ``optimise``."""
         exact, refined = ExactProblem(self._problem, self._free, self._bounds), refine(polish(smoothed))
         found = self._searched(exact, (refined,), cautious=cautious)
         if found is None:

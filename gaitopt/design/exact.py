@@ -21,7 +21,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.design.sensitivity import Sensitivity
-from gaitopt.design.spectral_radius import SMALLEST_RADIUS, circle_inequalities, modulus_gradient
+from gaitopt.design.spectral_radius import RADIUS, SMALLEST_RADIUS, circle_inequalities, modulus_gradient
 from gaitopt.model.transitions import kind
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
@@ -29,7 +29,6 @@ from gaitopt.problem.statement import Range
 from gaitopt.solver.newton import Solution, polish
 from gaitopt.solver.rollout import rolled_again
 
-RADIUS = "spectral_radius"
 WORST = "worst"
 """Name of the constraint that a scenario's objective is at most the largest one."""
 EXTREMA = {name: scalar.extremum for name, scalar in SCALARS.items() if scalar.extremum and scalar.of_designs}
@@ -43,9 +42,10 @@ OUTSIDE = 1e-3
 """If all circle inequalities hold, but the spectral radius exceeds the circle by this, two multipliers left it
 together."""
 INACTIVE = 0.3
-"""A circle inequality with a larger value, which is a product of numbers of the order of one, is not close to zero."""
+"""A circle inequality with a larger value is left out: it is a product of numbers of the order of one, and far from
+zero."""
 UNIT = 1e-3
-"""Smallest bound that serves as the unit of its scalar."""
+"""Smallest unit of a constraint on a scalar; a larger bound is itself the unit."""
 SMALL = 1e-3
 """Smallest typical size of an extremum, objective or bound."""
 SMALLEST_SIZE = 0.02
@@ -316,7 +316,7 @@ class _ExactScalars:
 
     def within(self, name: str, span: Range) -> Iterator[Constraint]:
         """Constraints by which a scalar is in its range."""
-        equality = span.minimum == span.maximum
+        equality = span.is_equality
         for bound, side in ((span.minimum, -1), (span.maximum, 1)):
             if not np.isfinite(bound):
                 continue

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.design.exact import RADIUS, SMALL, freed_sizes
+from gaitopt.design.exact import LARGEST_RESIDUAL, SMALL, freed_sizes
+from gaitopt.design.spectral_radius import RADIUS
 from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
@@ -41,8 +42,6 @@ MAX_CORRECTIONS = 8
 DIFFERENCE = 1e-6
 """Step of the differences, relative to the sizes of the freed parameters: the root of rounding, and a multiple of the
 accuracy of a gait."""
-LARGEST_RESIDUAL = 1e-10
-"""Largest residual of the equations of the step at a gait."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +66,7 @@ class Neighbourhood:
 
     @property
     def words(self) -> str:
-        """The result as a sentence."""
+        """A sentence that states how many neighbours are feasible, and whether one of them is better."""
         seen = f"{self.feasible} of {self.tried} neighbours meet all constraints"
         if self.gain > SMALLEST_GAIN:
             return f"{seen}; NOT an optimum, one of them is better by {self.gain:.2g} of the objective"
@@ -130,7 +129,7 @@ class _Search:
 
     def __init__(self, gait: Gait) -> None:
         self._gait, self._problem = gait, gait.problem.origin or gait.problem
-        equalities = sum(span.minimum == span.maximum for span in self._problem.constraints.values())
+        equalities = sum(span.is_equality for span in self._problem.constraints.values())
         self._n_equalities = equalities + _in_time(gait.problem)
         free = free_parameters(self._problem, gait.system)
         if not free.keys() >= gait.freed.keys():  # open-loop torques, which are fixed in the system of the gait
@@ -218,7 +217,7 @@ def _constraints(gait: Gait, problem: Problem) -> Array:
             continue
         unit = max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
         values = np.abs(gait.multipliers) if name == RADIUS else np.array([gait.scalar(name)])
-        if span.minimum == span.maximum:
+        if span.is_equality:
             zero.append(span.maximum - values.max())
             continue
         if np.isfinite(span.maximum):

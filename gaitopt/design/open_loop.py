@@ -17,7 +17,8 @@ from casadi import Function
 
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
-from gaitopt.design.stability import RADIUS, bound_radius, largest_modulus
+from gaitopt.design.spectral_radius import RADIUS
+from gaitopt.design.stability import bound_radius, largest_modulus
 from gaitopt.gait.gait import Cause, Gait, Status, best_point
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.open_loop import OpenLoop
@@ -44,7 +45,7 @@ SUSPECT_MARGIN = 1e-4
 """If a search begins at a gait, a margin of that gait between the points that is smaller than this, in natural units,
 is a row from the beginning. This saves rounds."""
 BESIDE = 2
-"""Number of samples on either side of such a place that become rows too, because the smallest margin moves."""
+"""Number of samples on either side of a violated margin that become rows too, because the smallest margin moves."""
 MESHES = (INTERVALS, 2 * INTERVALS, 4 * INTERVALS)
 """Smallest numbers of intervals, tried in turn: on long intervals fast motions differ from polynomials by more than
 ``ROOM``."""
@@ -52,6 +53,7 @@ SMALLEST_MULTIPLIER = 0.05
 """A condition is in the way of another one if its multiplier, relative to the largest one, exceeds this."""
 RELATIONS = {1.0: "<=", -1.0: ">="}
 UNBOUNDED = Range(minimum=-np.inf, maximum=np.inf)
+"""The range of a scalar without a constraint."""
 RADIUS_TOLERANCE = 1e-7
 """A spectral radius at its bound may exceed it by this part of the bound."""
 FIRST_REDUCTION, SMALLEST_REDUCTION = 0.1, 0.02
@@ -229,8 +231,9 @@ def _begin(collocation: Collocation, x: Array) -> _Begin:
 
 
 def _solver_record(result: IpoptResult, iterations: int) -> dict[str, float | str]:
-    """Entries of ``Gait.solver``."""
-    return {"iterations": float(iterations), "kkt": _kkt(result), "objective": result.objective}
+    """Entries of ``Gait.solver``; the residual of the optimality conditions is relative to the objective."""
+    kkt = result.kkt / max(abs(result.objective), 1.0)
+    return {"iterations": float(iterations), "kkt": kkt, "objective": result.objective}
 
 
 def _reached(collocation: Collocation, x: Array) -> tuple[dict[str, float], Array, Array]:
@@ -429,11 +432,6 @@ def guessed_states(problem: Problem, dynamics: Dynamics, start: Gait | None) -> 
     return straight_motion(problem, dynamics)
 
 
-def _kkt(result: IpoptResult) -> float:
-    """Residual of the optimality conditions relative to the objective."""
-    return result.kkt / max(abs(result.objective), 1.0)
-
-
 def _conflicts(
     problem: Problem,
     system: HybridSystem,
@@ -469,6 +467,6 @@ def _conflicts(
                 key if "." in key else key.replace("_", " ") for key, size in active if size > SMALLEST_MULTIPLIER
             )
             _, place = problem.place.locate(("constraints", name))
-            relation = "=" if span.minimum == span.maximum else RELATIONS[sign]
+            relation = "=" if span.is_equality else RELATIONS[sign]
             words = f"{place}: {name} {relation} {bound:g} conflicts with {against}: best reached {best_value:.4g}"
             yield Cause(what=name, words=words, needed=bound, available=best_value)

@@ -50,9 +50,9 @@ COUNTS = (17, 25, 33, 65, 129, 257)
 TIED = 1e-9
 """If the relative difference of two values is smaller, both are the extremum."""
 DIFFERENT = 1e-6
-"""If the relative difference of two gradients is larger, it is not rounding."""
+"""A larger relative difference of two gradients is not due to rounding."""
 SMALLEST_SIZE = 1e-6
-"""Relative differences of smaller numbers are relative to this."""
+"""Smallest divisor of a relative difference."""
 
 
 class Differentiated(NamedTuple):

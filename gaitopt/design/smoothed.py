@@ -30,9 +30,9 @@ from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, 
 from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building
 from gaitopt.callbacks import Stop, Valued
-from gaitopt.design.exact import EXTREMA, RADIUS, SMALL, clearance, freed_sizes
+from gaitopt.design.exact import EXTREMA, SMALL, clearance, freed_sizes
 from gaitopt.design.sensitivity import OF_STEP, OF_WALKER, impact_quantities, invariance, invariance_labels
-from gaitopt.design.spectral_radius import certified_radius, zero_dynamics_radius
+from gaitopt.design.spectral_radius import RADIUS, certified_radius, zero_dynamics_radius
 from gaitopt.gait.gait import Cause, Status
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -461,9 +461,9 @@ def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -
 def _violated_bound(span: Range, value: float) -> str | None:
     """The bound that a value violates, as text; None if it is within both."""
     if value < span.minimum - LARGEST_VIOLATION * max(1.0, abs(span.minimum)):
-        return f">= {span.minimum:g}" if span.minimum < span.maximum else f"= {span.minimum:g}"
+        return f"{'=' if span.is_equality else '>='} {span.minimum:g}"
     if value > span.maximum + LARGEST_VIOLATION * max(1.0, abs(span.maximum)):
-        return f"<= {span.maximum:g}" if span.minimum < span.maximum else f"= {span.maximum:g}"
+        return f"{'=' if span.is_equality else '<='} {span.maximum:g}"
     return None
 
 
@@ -482,5 +482,5 @@ def _obstacles(
             yield block.name, elastic.margin_text(int(np.argmax(np.abs(multipliers))))
         elif _violated_bound(span := problem.constraints[block.name], values[block.name]) is None:
             side = f"<= {np.max(block.upper):g}" if multipliers[0] > 0 else f">= {np.min(block.lower):g}"
-            side = f"= {span.minimum:g}" if span.minimum == span.maximum else side
+            side = f"= {span.minimum:g}" if span.is_equality else side
             yield block.name, f"{block.name} {side}"

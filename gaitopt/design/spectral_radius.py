@@ -43,6 +43,7 @@ from gaitopt.solver.newton import Solution
 from gaitopt.solver.return_map import MapDerivatives
 from gaitopt.solver.shooting import MultipleShooting
 
+RADIUS = "spectral_radius"
 EPSILON = 1e-6
 """The square of the certified radius of a matrix of norm N exceeds that of its spectral radius by about eps N^2; N is a
 hundred where a slip sticks again."""

@@ -25,13 +25,12 @@ from scipy.sparse.linalg import splu
 
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.building import BUILT, building
-from gaitopt.design.spectral_radius import CircleInequality, circle_inequalities
+from gaitopt.design.spectral_radius import RADIUS, CircleInequality, circle_inequalities
 from gaitopt.model.buffered import BufferedFunction, NumericFunction
 from gaitopt.model.modes import Mode
 from gaitopt.solver.collocation import Collocation
 from gaitopt.solver.collocation_rows import DURATION
 
-RADIUS = "spectral_radius"
 DIFFERENCE = 1e-5
 """Step of the differences for the curvature, in the unknown that changes most."""
 

@@ -27,11 +27,11 @@ from gaitopt.engines.plant import Reference, Tree
 SETTLED = 0.05
 """Time after the last impact at which states are compared, relative to the period."""
 SLIPPING_SPEED = 2.5e-4
-"""A faster foot counts as slipping, in natural units; about a millimetre per second."""
+"""A foot that is faster counts as slipping, in natural units; for a leg of a metre, about a millimetre per second."""
 SHORTEST_MODE = 0.01
 """A mode of the engine that is shorter than this fraction of the cycle does not count."""
 TRIMMED = 0.1
-"""Fraction of a sticking phase at each end that does not count for the creep."""
+"""Fraction of a sticking phase at each of its ends in which creep is not measured."""
 DIVERGED_RATE = 1e3
 """A motion with a faster rate has diverged, in natural units."""
 LONGEST_REASON = 120

@@ -481,6 +481,14 @@ def require_gait(start: object, call: str) -> None:
         raise ProblemError(f"{call} takes a gait, not a problem; give {remedy}")
 
 
+def require_converged(gait: "Gait") -> None:
+    """Raise a SolveError that carries the gait if it is a failed solve."""
+    if not gait.converged:
+        error = SolveError(f"{gait.problem.name} is {gait.status}: {gait.message}")
+        error.result = gait
+        raise error
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attractor(ReadOnlyArrays):
     """A gait to which simulated walks converge: a state, and the number of steps after which it repeats.

@@ -205,7 +205,7 @@ NUMBERS = (
 
 
 LINE_WIDTH = 1e-3
-"""Width of a drawn line relative to the height of the curve. Smaller changes cannot be seen in the paper."""
+"""Width of a drawn line, relative to the height of its curve. A smaller change of the curve cannot be seen in print."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,6 +46,11 @@ class Range:
     minimum: float
     maximum: float
 
+    @property
+    def is_equality(self) -> bool:
+        """Whether the scalar has one value."""
+        return self.minimum == self.maximum
+
 
 class Aggregate(StrEnum):
     """How the values of an objective over a range of a parameter count: the largest one, their mean, or one of them."""

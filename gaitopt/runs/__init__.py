@@ -9,9 +9,9 @@ and ``KeyboardInterrupt`` when ``should_stop`` returns True.
 - ``grid``: axes and grids, and whether they fit on the machine
 - ``sweep``, ``front``, ``multistart``: plans of problems on grids, in chains and from random starts
 - ``basin``: plan of states walked until they settle
-- ``robustness``: plan of the figures that say what a gait survives
+- ``robustness``: plan of the limits and statistics that describe how robust a gait is
 - ``attractors``: plan of long walks at many values of a parameter
-- ``lines``: ``LinesPlan``, the common form of work that grows line by line, to the last bit
-- ``branch``, ``trace``: a continuation in one parameter, a special point in two
+- ``lines``: ``LinesPlan`` and ``CurveFile``, the common form of curves whose points are stored line by line
+- ``branch``, ``trace``: curves of gaits over one parameter, and of special points over two
 - ``atlas``: plan of branches and traced curves over two parameters, arranged into regions
 """

@@ -18,7 +18,7 @@ from gaitopt.arrays import Array
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.display import Plotted, counted
-from gaitopt.errors import SolveError, StorageError
+from gaitopt.errors import SolveError
 from gaitopt.gait.branch import BranchPoint
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Gait
@@ -28,7 +28,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit, unit_of
 from gaitopt.requests import AttractorsRequest, entries
 from gaitopt.runs.grid import Axis, Grid, at_point, check_room
-from gaitopt.runs.jobs import Plan, ResultFile
+from gaitopt.runs.jobs import Plan, ResultFile, all_results
 from gaitopt.search.attractors import settled
 from gaitopt.search.candidates import family
 from gaitopt.search.solve import solve
@@ -39,7 +39,7 @@ from gaitopt.store.run import Run
 from gaitopt.systems import solve_sequence
 from gaitopt.threads import Uncompared, cached_property
 from gaitopt.verification.step_map import section_coordinates, step_map
-from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
+from gaitopt.workers.jobs import Job, ResumableJobs, key_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -116,13 +116,7 @@ def read_attractors(place: Path) -> Attractors:
     run = Run.at(place)
     stated = validated(AttractorsRecord, run.read_object(ATTRACTORS_FILE), place / ATTRACTORS_FILE)
     problem, axis = run.problem(), validated(Axis, stated["over"], place / ATTRACTORS_FILE)
-    lines = {line["job"]: line for line in run.lines(SETTLED.name)}
-    for number, line in enumerate(lines.values(), start=1):
-        validated(SettledRecord, line, run.path(SETTLED.name), number)
-    missing = [key for key in stated["jobs"] if key not in lines]
-    if missing:
-        raise StorageError(f"{run.path(SETTLED.name)} lacks the value with the key {missing[0]}; it was not changed")
-    return Attractors(problem=problem, axis=axis, records=[lines[key] for key in stated["jobs"]], folder=place)
+    return Attractors(problem=problem, axis=axis, records=SETTLED.finished(run, stated["jobs"]), folder=place)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,10 +151,7 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
 
     def result(self, jobs: ResumableJobs) -> Attractors:
         """The attractors at all values."""
-        records = jobs.complete(settle_job, self.jobs, len(self.jobs))
-        failed = next((record for record in records if isinstance(record, FailedJob)), None)
-        if failed is not None:
-            raise StorageError(f"one value failed: {failed.reason}; the others are stored")
+        records = all_results(jobs, settle_job, self.jobs, "value")
         summary = {"over": asdict(self.axis), "jobs": [job.key for job in self.jobs]}
         self.run.write({ATTRACTORS_FILE: json_file(summary)})
         return Attractors(problem=self.problem, axis=self.axis, records=records, folder=self.run.place)

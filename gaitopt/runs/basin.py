@@ -342,7 +342,8 @@ def _read_tile(run: Run, tile: int, most: int) -> Outcomes:
 
 
 TILE, STATES_PER_SCIPY_TILE = 4096, 64
-"""Number of states in one tile with heyoka and with scipy. A tile takes some seconds, which is what a kill can lose."""
+"""Number of states in one tile with heyoka and with scipy. A tile takes a few seconds; a kill loses no more work than
+that."""
 STEPS_OF_A_STATE = 10
 """Typical number of steps until a state settles or fails."""
 STATE_BYTES_DISK = 48

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, Literal, TypeVar, cast
 
 from gaitopt.callbacks import Counted, Stop, TimeLimit
-from gaitopt.errors import SolveError
+from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait.gait import Status
 from gaitopt.gait.records import AttemptRecord, CheckedJob, OutcomeRecord, PartRecord, is_gait
 from gaitopt.problem.problem import Problem
@@ -145,10 +145,35 @@ class ResultFile:
 
             yield results, store
 
+    def finished(self, run: Run, keys: Sequence[str]) -> list[Any]:
+        """The results of the jobs with these keys, in a run in which all are finished.
+
+        Raises
+        ------
+        StorageError
+            If a result is missing or does not match its type.
+        """
+        results = {record[self.key]: record for record in run.lines(self.name)}
+        for number, record in enumerate(results.values(), start=1):
+            validated(self.model, record, run.path(self.name), number)
+        missing = [key for key in keys if key not in results]
+        if missing:
+            raise StorageError(f"{run.path(self.name)} lacks the result with the key {missing[0]}; it was not changed")
+        return [results[key] for key in keys]
+
 
 SOLVED = ResultFile(name="jobs.jsonl", key="job", model=CheckedJob, shared=True)
 SEARCHED = ResultFile(name="find.jsonl", key="part", model=PartRecord)
 """The file of finished parts of searches. Parts that an earlier version stored under another key are searched again."""
+
+
+def all_results(jobs: ResumableJobs, task: Callable[..., Any], of: Sequence[Job], noun: str) -> list[Any]:
+    """The results of all jobs; a StorageError names the ``noun`` of one that failed, after the others are stored."""
+    results = jobs.complete(task, of, len(of))
+    failed = next((result for result in results if isinstance(result, FailedJob)), None)
+    if failed is not None:
+        raise StorageError(f"one {noun} failed: {failed.reason}; the others are stored")
+    return results
 
 
 def problem_job(problem: Problem, parent: str | None = None, method: Method = Method.AUTO) -> Job:
@@ -260,7 +285,7 @@ def _identity(gait: OutcomeRecord) -> tuple[float, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class FindPlan(SearchPlan, Plan[Gaits]):
-    """A search whose finished parts are stored; ``found`` is the argument of ``search``."""
+    """A search whose finished parts are stored; ``found`` is called with the gaits known so far, see ``search``."""
 
     results = SEARCHED
     found: Callable[[Gaits], None] | None = None

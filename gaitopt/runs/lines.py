@@ -1,4 +1,4 @@
-"""Work that appends its results line by line to one file of a run folder; each line is on the disk before it is used.
+"""Curves whose points are appended line by line to a file of a run folder; each line is on the disk before it is used.
 
 The first line is the request; every further line is a point or special point. The line of a point holds all bits of the
 solution, the tangent, the mesh and the step length. Interrupted work resumes from its last point; special points after
@@ -156,11 +156,11 @@ class LinesPlan(ABC, Generic[Start, Line]):
 
     @abstractmethod
     def resumable(self, records: list[Line]) -> list[Line]:
-        """The records from which an unfinished walk goes on."""
+        """The records from which an unfinished curve is resumed."""
 
     @abstractmethod
     def follow(self, start: Start, done: list[Line], should_stop: Stop) -> Iterable[Recorded]:
-        """The new points after those that are ``done``.
+        """The new points and special points after the stored records ``done``.
 
         Raises
         ------

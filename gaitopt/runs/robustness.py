@@ -1,7 +1,8 @@
-"""How robust a gait is on a floor that nobody knows exactly, figure by figure, kept in the run folder.
+"""The robustness of a gait on an uncertain floor: figures that are computed one by one and stored in the run folder.
 
-Every figure is one job: an interval, a patch of one kind and length, a push of one rate in one direction, the nearest
-state that fails, the sensitivity norm, the falls of some walks, the metastable eigenvalue.
+One job computes one figure: the stable interval of a parameter, the limit of a patch of one kind and length, the limit
+of a push of one rate in one direction, the nearest state that fails, the sensitivity norm, the falls of a group of
+walks, or the metastable eigenvalue.
 """
 
 from collections import Counter
@@ -15,14 +16,14 @@ import numpy as np
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.display import Reported
-from gaitopt.errors import ArgumentError, ProblemError, SolveError, StorageError
+from gaitopt.errors import ArgumentError, ProblemError, SolveError
 from gaitopt.gait.frames import data_frame
-from gaitopt.gait.gait import Gait, require_gait
+from gaitopt.gait.gait import Gait, require_converged, require_gait
 from gaitopt.gait.records import FigureRecord, RobustnessRecord
 from gaitopt.problem.floor import Floor, RandomFloor
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Engine, RobustnessRequest, entries
-from gaitopt.runs.jobs import Plan, ResultFile
+from gaitopt.runs.jobs import Plan, ResultFile, all_results
 from gaitopt.simulation.engine import choose_engine
 from gaitopt.simulation.ground import check_floor
 from gaitopt.store.formats import json_file, validated
@@ -32,7 +33,7 @@ from gaitopt.uncertainty.falls import count_falls, mean_steps, metastable_eigenv
 from gaitopt.uncertainty.interval import stable_interval
 from gaitopt.uncertainty.limits import KINDS, LENGTHS, Limit, nearest_failure, patch_limit, push_limit, pushed_rates
 from gaitopt.uncertainty.norm import sensitivity_norm
-from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
+from gaitopt.workers.jobs import Job, ResumableJobs, key_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -41,15 +42,15 @@ ROBUSTNESS_FILE = "robustness.json"
 FIGURES = ResultFile(name="figures.jsonl", key="job", model=FigureRecord)
 PUSH, FALLS, EIGENVALUE = "push", "falls", "eigenvalue"
 WHAT = ("range", "patch", PUSH, "sensitivity", FALLS)
-"""Groups of figures, the words of ``what``."""
+"""The groups of figures; the argument ``what`` names one or more of them."""
 WALKS_AT_ONCE = 500
-"""Number of walks of one job that counts falls. A job takes some seconds, which is what a kill can lose."""
+"""Number of walks in one job that counts falls. Such a job takes a few seconds; a kill loses no more work than that."""
 SPREAD = 0.2
-"""Half the range of the random friction by default, relative to the nominal one."""
+"""By default, random friction differs from the nominal one by at most this part of it."""
 UNLIKELY = 0.5 * 2**0.5
-"""A target of a continuation that no problem has for its value, with which a parameter is checked."""
+"""A value that no problem states. A parameter is checked by a request to continue to this value, which is not run."""
 MANY_STEPS = 1_000_000
-"""Steps for which the engine is chosen: some figures take as many."""
+"""The engine is chosen as for this number of steps, which the longest figures take."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +120,7 @@ class Robustness(Reported):
 
 
 def _falls_record(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The falls of all walks, from those of some walks each."""
+    """The record of the falls of all walks, from the records of groups of walks."""
     completed = np.concatenate([part["completed"] for part in parts])
     mean, interval = mean_steps(completed)
     endings = Counter[str]()
@@ -137,7 +138,7 @@ def _falls_record(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def shown_limit(kind: str, value: Mapping[str, Any]) -> float | None:
-    """The limit of a patch: friction, or the size of a step or a slope."""
+    """The limit of a patch as it is shown: a coefficient of friction, or a step or slope without its sign."""
     limit = value["value"]
     return None if limit is None else float(limit) if kind.startswith("friction") else abs(float(limit))
 
@@ -146,13 +147,7 @@ def read_robustness(place: Path) -> Robustness:
     """The result in a folder, which is a part of the run of its problem."""
     run = Run.at(place)
     stated = validated(RobustnessRecord, run.read_object(ROBUSTNESS_FILE), place / ROBUSTNESS_FILE)
-    lines = {line["job"]: line for line in run.lines(FIGURES.name)}
-    for number, line in enumerate(lines.values(), start=1):
-        validated(FigureRecord, line, run.path(FIGURES.name), number)
-    missing = [key for key in stated["jobs"] if key not in lines]
-    if missing:
-        raise StorageError(f"{run.path(FIGURES.name)} lacks the figure with the key {missing[0]}; it was not changed")
-    figures = {lines[key]["figure"]: lines[key]["value"] for key in stated["jobs"]}
+    figures = {record["figure"]: record["value"] for record in FIGURES.finished(run, stated["jobs"])}
     return Robustness(problem=run.problem(), figures=figures, folder=place)
 
 
@@ -162,7 +157,7 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
 
     Attributes
     ----------
-    gait : whose robustness it is.
+    gait : the gait that is examined.
     """
 
     results = FIGURES
@@ -203,8 +198,7 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
     def check(self) -> None:
         """Refuse gaits that are not stable, and floors on which the walker cannot walk."""
         require_gait(self.gait, "robustness")
-        if not self.gait.converged:
-            raise SolveError(f"{self.problem.name} is {self.gait.status}: {self.gait.message}")
+        require_converged(self.gait)
         groups = self.groups
         if not self.gait.stable:
             radius = self.gait.scalar("spectral_radius")
@@ -222,10 +216,7 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
 
     def result(self, jobs: ResumableJobs) -> Robustness:
         """All figures."""
-        records = jobs.complete(figure_job, self.jobs, len(self.jobs))
-        failed = next((record for record in records if isinstance(record, FailedJob)), None)
-        if failed is not None:
-            raise StorageError(f"one figure failed: {failed.reason}; the others are stored")
+        records = all_results(jobs, figure_job, self.jobs, "figure")
         self.run.write({ROBUSTNESS_FILE: json_file({"jobs": [job.key for job in self.jobs]})})
         figures = {record["figure"]: record["value"] for record in records}
         return Robustness(problem=self.problem, figures=figures, folder=self.run.place)

@@ -48,7 +48,7 @@ TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
 TEXT_COLUMNS = ("status", "verified", "start", "modes", "gaits")
 """The columns of text, between the parameters and the scalars."""
 STOPS_SEPARATOR = "; "
-"""Separates modes with stops; other modes are separated by a space."""
+"""The text between two modes if modes state their stops, which contain commas; other modes have a space between."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -247,8 +247,8 @@ class SweepPlan(Plan[Sweep], SweepRequest):
         for number in range(self.grid.size):
             problem = at_point(self.problem, self.point(number))
             problem = problem.from_guess() if self.from_guess else problem
-            neighbour = self._neighbour(number) if self.warm else None
-            jobs.append(problem_job(problem, None if neighbour is None else jobs[neighbour].key, self.method))
+            before = [neighbour for neighbour in self._around(number) if neighbour < number] if self.warm else []
+            jobs.append(problem_job(problem, jobs[before[0]].key if before else None, self.method))
         return jobs
 
     def point(self, number: int) -> dict[str, float]:
@@ -270,12 +270,3 @@ class SweepPlan(Plan[Sweep], SweepRequest):
                     moved[axis] = k
                     neighbours.append(int(np.ravel_multi_index(moved, self.grid.shape)))
         return neighbours
-
-    def _neighbour(self, number: int) -> int | None:
-        """The point before this one along the first axis that has one; None for the first point of the grid."""
-        index = [int(k) for k in np.unravel_index(number, self.grid.shape)]
-        axis = next((k for k, value in enumerate(index) if value > 0), None)
-        if axis is None:
-            return None
-        index[axis] -= 1
-        return int(np.ravel_multi_index(index, self.grid.shape))

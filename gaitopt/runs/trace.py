@@ -47,7 +47,7 @@ class TracePlan(LinesPlan[CurveStart, TraceRecord]):
 
     Attributes
     ----------
-    start : where it begins.
+    start : the gait and the condition from which the trace begins.
     """
 
     file: ClassVar[CurveFile] = TRACE
@@ -57,7 +57,7 @@ class TracePlan(LinesPlan[CurveStart, TraceRecord]):
 
     @property
     def head(self) -> dict[str, Any]:
-        """The request, and what is followed."""
+        """The request, and the condition that holds along the curve."""
         request = {name: getattr(self.request, name) for name in entries(TraceRequest)}
         record = {"record": "trace", "parameter": self.start.parameter, **request, "to": list(self.request.to)}
         return record | self.start.to_record()

@@ -25,7 +25,8 @@ from gaitopt.branches.curve import CurvePoint, Metric, first_point
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.design import Edge, ScenarioOptimum, design_scenarios
-from gaitopt.design.exact import RADIUS, SMALL
+from gaitopt.design.exact import SMALL
+from gaitopt.design.spectral_radius import RADIUS
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint
 from gaitopt.gait.gait import Cause, Gait, Status, best_point

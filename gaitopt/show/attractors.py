@@ -28,7 +28,7 @@ STABLE_LINE: dict[str, Any] = {"color": COLOURS[0], "linewidth": 1.8}
 UNSTABLE_LINE: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.2, "linestyle": UNSTABLE}
 """Lines of stable and of unstable gaits of branches."""
 SMALLEST_RADIUS = 1e-300
-"""The logarithm of a smaller spectral radius, with which all deviations vanish, is drawn as that of this number."""
+"""A smaller spectral radius, whose logarithm may be infinite, is drawn as this number."""
 CHAOTIC_EXPONENT = 0.0
 """Neighbouring walks diverge if the Lyapunov exponent is larger."""
 

@@ -62,7 +62,7 @@ VALUE_SIZE = np.array([0.12, 0.06])
 MARKER_SIZE = np.array([0.015, 0.02])
 """Half size of the marker of a special point, and distance of its value, relative to the axes."""
 DISTANCES = (1.0, 2.0, 3.5)
-"""Distances at which the value is tried, in those of ``MARKER_SIZE``: the closest one that is free is taken."""
+"""Distances at which a value is tried, as multiples of ``MARKER_SIZE``; the closest one that is free is taken."""
 VERTICAL_MARGIN = 0.11
 """Margin above and below the curves for the values of special points at their edge, relative to their height."""
 VALUE_REGION = np.array([[0.0, 0.0], [1.03, 1.08]])
@@ -229,14 +229,14 @@ def write_beside(
     away: Sequence[float] = DISTANCES,
     letter: tuple[float, float] | None = None,
 ) -> None:
-    """Write texts beside marks, over no mark, text or curve; not where there is no room. An empty text is none.
+    """Write texts beside marks where they cover no mark, text or curve.
 
-    A text whose size is given is always written, if need be over as little of the curves as possible.
+    Without such a place a text is left out; if the size of letters is given, it is written where it covers least.
 
     Parameters
     ----------
-    marks : text and place of every mark.
-    away : distances at which a text is tried, in those of ``MARKER_SIZE``; from a distant one a line leads to the mark.
+    marks : text, possibly empty, and place of every mark.
+    away : distances at which a text is tried, as multiples of ``MARKER_SIZE``; a line joins a distant text to its mark.
     letter : size of a letter with its space, relative to the axes; by default every text has the size of a value.
     """
     to_axes, back = axes.transData + axes.transAxes.inverted(), axes.transAxes.inverted()

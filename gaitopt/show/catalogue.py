@@ -86,11 +86,11 @@ MOTION_FIGURES: Mapping[str, Callable[[Sequence[Motion]], Figure]] = {
 GAIT_FIGURES = (*MOTION_FIGURES, "multipliers", "methods")
 """Figures of one or several gaits; ``methods`` exists for a single one."""
 RANGE = "range"
-"""Figure of a design over a range of a parameter."""
+"""Name of the figure of a design over a range of a parameter."""
 WALK_FIGURES = ("section", *MOTION_FIGURES)
 """Figures of a simulated walk."""
 PHASE = "phase"
-"""Figure of gaits and walks whose control law has a phase variable."""
+"""Name of the figure of gaits and walks whose control law has a phase variable."""
 DRAWN = {**MOTION_FIGURES, PHASE: phase_variable}
 FORCE_OVER = "force_over_"
 """Beginning of the name of the figure of the force ratio over a shape coordinate."""

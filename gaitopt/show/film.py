@@ -44,7 +44,7 @@ from gaitopt.show.style import MODE_WORDS
 FRAMES = 72
 """Largest number of frames of a cycle; a page draws smooth curves through them."""
 FRAMES_OF_WALK = 240
-"""A walk may have at least so many frames, even if it has few steps."""
+"""Number of frames that a walk may have even if it has few steps."""
 REPEATS = 4
 """Number of cycles that the page plays before it starts again."""
 FEWEST_FRAMES = 5
@@ -55,9 +55,9 @@ matters."""
 CODES = 8191
 """Largest code of a packed number; a chart on a page is some 300 pixels high."""
 RIGID = 1e-9
-"""Two points belong to one rigid part if their distance changes by a smaller part of itself."""
+"""Two points belong to one rigid part if the relative change of their distance is smaller."""
 COINCIDENT = 1e-9
-"""Two points at a smaller distance [m] are one."""
+"""Points whose distance is smaller coincide [m]."""
 ROUNDING = 1e-9
 """Points at a smaller distance [m] are the same up to rounding."""
 MAGNIFICATIONS = (100, 50, 20, 10, 5, 2)
@@ -167,6 +167,7 @@ class Skeleton:
     ties : pairs of points that are not rigid.
     discs : for every mass, the index of its point and its part of the whole mass.
     contacts : index of the point of every contact, in the order of ``Walker.contact_names``.
+    marks : index of the point of every contact that leaves its mark on the ground; the stance foot of an only contact.
     """
 
     points: Array
@@ -175,6 +176,7 @@ class Skeleton:
     ties: tuple[tuple[int, int], ...] = ()
     discs: tuple[tuple[int, float], ...] = ()
     contacts: tuple[int, ...] = (0,)
+    marks: tuple[int, ...] = (0,)
 
 
 def skeleton(arcs: Sequence[Arc]) -> Skeleton:
@@ -194,14 +196,15 @@ def skeleton(arcs: Sequence[Arc]) -> Skeleton:
     discs = tuple((k, float(share)) for k, share in enumerate(mass / mass.sum(), start=2))
     n_contacts, n_points = len(walker.contact_names()), points.shape[1]
     contacts = tuple(range(n_points - n_contacts, n_points))
+    marks = tuple(k if walker.label(name) else 0 for name, k in zip(walker.contact_names(), contacts, strict=True))
     if lines:  # neighbours on each line of the outline, whose points follow those of the bodies
         starts = accumulate(lines[:-1], initial=2 + mass.size)
         legs = [(k, k + 1) for start, n in zip(starts, lines, strict=True) for k in range(start, start + n - 1)]
-        return Skeleton(points=points, legs=tuple(legs), sides=sides, discs=discs, contacts=contacts)
+        return Skeleton(points=points, legs=tuple(legs), sides=sides, discs=discs, contacts=contacts, marks=marks)
     draw = next((draw for kind, draw in _DRAWINGS.items() if issubclass(walker, kind)), _rigid_parts)
     if not walker.labels():  # its contact is drawn as the stance foot, the first point
         points, contacts = points[:, :-1], (0,)
-    return draw(Skeleton(points=points, legs=(), discs=discs, contacts=contacts), dynamics)
+    return draw(Skeleton(points=points, legs=(), discs=discs, contacts=contacts, marks=marks), dynamics)
 
 
 def slope(motion: Motion) -> float:
@@ -229,11 +232,7 @@ def ground_tiles(motion: Motion) -> list[FilmTile]:
     for step in motion.steps:
         arc = step.arcs[0]
         drawing = skeleton([replace(arc, times=arc.times[:1], states=arc.states[:1])])
-        under = [
-            drawing.points[0, drawing.contacts[n] if motion.walker.label(name) else 0, 0]
-            for n, name in enumerate(names)
-            if name in arc.mode.touching
-        ]
+        under = [drawing.points[0, drawing.marks[n], 0] for n, name in enumerate(names) if name in arc.mode.touching]
         places.append(origin + float(np.mean(under or [0.0])))
         origin += 0.0 if step.impact is None else step.impact.step_length
     if motion.steps[-1].impact is not None:
@@ -255,7 +254,7 @@ def _ground_under(arc: Arc, names: Sequence[str]) -> list[tuple[float, float]]:
     of = {name: name if name in coefficients else FOOT for name in names}
     slopes = {name: places.get(f"{FLOOR}.{of[name]}.slope") for name in names}
     return [
-        (_short(float(coefficients[of[name]][0])), 0.0 if (k := slopes[name]) is None else _short(float(p[k])))
+        (short(float(coefficients[of[name]][0])), 0.0 if (k := slopes[name]) is None else short(float(p[k])))
         for name in names
     ]
 
@@ -281,7 +280,7 @@ def magnifier(motion: Motion) -> tuple[int, list[tuple[int, float] | None]]:
     rows = [slice(end - len(arc.times), end) for arc, end in zip(arcs, accumulate(map(_count, arcs)), strict=True)]
     stays, longest = list[dict[int, float]]({} for _ in arcs), 0.0
     for n, name in enumerate(names):
-        x = drawing.points[:, drawing.contacts[n] if motion.walker.label(name) else 0, 0]
+        x = drawing.points[:, drawing.marks[n], 0]
         touching = [k if name in arc.mode.touching else None for k, arc in enumerate(arcs)]
         for _, run in groupby(
             (k for k in touching if k is not None), key=lambda k: (steps[k], touching[:k].count(None))
@@ -429,10 +428,10 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
                     "words": contacts_words(arc.mode),
                     "contacts": [arc.mode.contacts[name] if name in arc.mode.touching else None for name in names],
                     "undetermined": [name in undetermined(motion.walker, arc.mode) for name in names],
-                    "start": _short(began + arc.start),
-                    "end": _short(began + arc.end),
+                    "start": short(began + arc.start),
+                    "end": short(began + arc.end),
                     "step": index,
-                    "origin": _short(place),
+                    "origin": short(place),
                     "first": first,
                     "last": first + len(arc.times) - 1,
                     "closeup": closeups[len(phases)],
@@ -468,11 +467,13 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
         "name": motion.name,
         "slope": slope(motion),
         "contacts": [
-            {"name": name, "point": point, "mark": point if motion.walker.label(name) else 0, "friction": float(static)}
-            for (name, (static, *_)), point in zip(coefficients.items(), drawing.contacts, strict=True)
+            {"name": name, "point": point, "mark": mark, "friction": float(static)}
+            for (name, (static, *_)), point, mark in zip(
+                coefficients.items(), drawing.contacts, drawing.marks, strict=True
+            )
         ],
         "weight": float(motion.dynamics.system.weight(motion.dynamics.p)),
-        "period": _short(motion.period),
+        "period": short(motion.period),
         "steps": len(motion.steps),
         "repeats": REPEATS if motion.periodic else 1,
         "cycle": cycle_words(motion) if motion.periodic else "",
@@ -480,8 +481,8 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
         "cycle_end": cycle_end(motion.dynamics.system),
         "time_label": time_label([motion]),
         "motor_label": motor_label([motion]),
-        "step_length": _short(path[-1][1]),
-        "path": [tuple(map(_short, point if tiled else point[:2])) for point in path],
+        "step_length": short(path[-1][1]),
+        "path": [tuple(map(short, point if tiled else point[:2])) for point in path],
         "tiles": ground_tiles(motion),
         "magnification": magnification,
         "impacts": [contacts_words(impact.mode) for impact in impacts],
@@ -522,7 +523,7 @@ def _at_frames(arc: Arc, limit: int) -> Arc:
     return replace(arc, times=arc.start + arc.duration * (s + 1) / 2, states=states)
 
 
-def _short(value: float) -> float:
+def short(value: float) -> float:
     """The value with as many digits as a page can show."""
     return float(f"{value:.7g}")
 

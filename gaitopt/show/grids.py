@@ -15,11 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitopt.arrays import Array
+from gaitopt.display import spelled
 from gaitopt.gait.gait import Status
 from gaitopt.model.section import cycle_start
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit
-from gaitopt.runs.basin import UNDECIDED, Basin
+from gaitopt.runs.basin import Basin, ending_name
 from gaitopt.runs.grid import Axis
 from gaitopt.runs.sweep import Sweep
 from gaitopt.show.branches import is_stable
@@ -34,7 +35,6 @@ from gaitopt.show.style import (
     panels,
     symbol,
 )
-from gaitopt.simulation.outcomes import ENDINGS
 
 Record = Mapping[str, Any]
 
@@ -43,7 +43,7 @@ MISSING = "#e4e4e4"
 CROSSES, TICKS = ("#4d4d4d", "#882255", "#117733"), ("#d55e00", "#cc79a7", "#4d4d4d")
 """Colours of the reasons why there is no gait, in a sweep and along a front."""
 CROSS_HEIGHT, MARGIN = 0.03, 0.02
-"""Height of the crosses below a curve in the axes, and margin beside the requested range."""
+"""Height of the crosses below a curve relative to the axes, and margin relative to the requested range."""
 BOUNDARY_COLOUR = "#d55e00"
 """Colour of the line where stability is lost; it stands out from all colours of the map."""
 OUTLIER_DISTANCE = 3.0
@@ -194,7 +194,7 @@ def basin(result: Basin) -> Figure:
     endings, counts = np.unique(result.endings[result.labels < 0], return_counts=True)
     for ending in endings[np.argsort(-counts)]:
         classes[(result.labels < 0) & (result.endings == ending)] = len(titles)
-        titles.append("undecided" if ending == UNDECIDED else str(ENDINGS[ending]).replace("_", " "))
+        titles.append(spelled(ending_name(ending)))
         colours.append(FAILURES[ending])
     handles = [
         Line2D([], [], label=w, marker="s", linestyle="", markerfacecolor=c, markeredgecolor="#8c8c8c", markersize=8)

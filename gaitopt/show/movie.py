@@ -70,7 +70,7 @@ FORCE_COLOUR = "#b3246f"
 ON_THE_SPOT = 1e-6
 """Length of a cycle below which the walker stays where it is, relative to the picture."""
 SHORTEST_ARC = 1e-12
-"""A duration [s] that is shorter than any arc with a picture, so that it can take the place of zero in a divisor."""
+"""Divisor that replaces the duration of an arc of zero length; every arc with a picture lasts longer [s]."""
 POSTURES = 6
 """Number of postures of a figure."""
 LAST_POSTURE = 1e-9
@@ -204,7 +204,7 @@ def _magnify(lens: Axes, motion: Motion, frame: "_Frame", width: float, traces: 
         return
     contact, middle = frame.closeup
     name = motion.walker.contact_names()[contact]
-    foot = frame.points[frame.contacts[contact] if motion.walker.label(name) else 0]
+    foot = frame.points[frame.drawing.marks[contact]]
     base = float(foot[1]) if motion.floor else 0.0
     _draw(lens, motion, frame, (-middle, -base), LENS_LEGS)
     _draw_ground(lens, motion, (middle, base), width / MARKS, width, slopes=False)
@@ -286,11 +286,6 @@ class _Frame:
     step: int
     arc: Arc
     closeup: tuple[int, float] | None
-
-    @property
-    def contacts(self) -> tuple[int, ...]:
-        """Indices of the points of the contacts."""
-        return self.drawing.contacts
 
     @property
     def caption(self) -> str:

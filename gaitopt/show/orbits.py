@@ -27,11 +27,11 @@ from gaitopt.problem.scalars import state_unit, unit_of
 
 FORMAT = "gaitopt-orbit-2"
 POINT = ("position", "velocity")
-"""What an orbit states of each of several contacts."""
+"""Quantities of a contact in the orbit of a walker with several contacts."""
 MATRICES = ("M", "E", "swing_jacobian", "relabel_jacobian")
 VECTORS = ("equations.h", "equations.swing_foot", "equations.relabel")
 LONGEST_IN_PLACE = 60
-"""Largest number of characters of a subexpression that has no name of its own if it occurs once."""
+"""Longest subexpression that is written in place if it occurs once [characters]; longer ones are defined by name."""
 ENCLOSED = ("step_length", "speed", "work", "cost_of_transport", "required_friction")
 """Scalars that a proof encloses besides the period."""
 OPERATIONS: Mapping[int, str] = {

@@ -33,7 +33,7 @@ from gaitopt.runs.atlas import Atlas
 from gaitopt.runs.robustness import Robustness
 from gaitopt.show.atlases import LINES, axis_label, point_name, sequences, shown_in
 from gaitopt.show.branches import OF_EACH_STEP
-from gaitopt.show.film import film, pack
+from gaitopt.show.film import film, pack, short
 from gaitopt.show.gaits import ROUNDING, section_states
 from gaitopt.show.motion import (
     Motion,
@@ -64,7 +64,7 @@ STROKES = {"-": "stick", SLIP_DASHES: "slip", FLIGHT_DOTS: "flight"}
 COLOURS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
 """The names that ``theme.css`` uses for colours."""
 MOST_PLACES = 300
-"""About as many gaits of an atlas are on its page; it is then about two megabytes large."""
+"""Approximate largest number of gaits on the page of an atlas, with which it has about two megabytes."""
 POINTS = 17
 """Number of Chebyshev points of a phase of a branch: seven digits are accurate, more than a page can show."""
 
@@ -359,7 +359,7 @@ def walks_page(gait: Gait, walks: Mapping[str, Walk], about: str, over: tuple[st
             "words": words,
             "ending": walk.trajectory.ending,
             "message": walk.trajectory.message or f"walks on, {len(walk.complete_steps)} steps are shown",
-            "start": [_rounded(walk.trajectory.start[column]) for column in columns],
+            "start": [short(walk.trajectory.start[column]) for column in columns],
         }
         for moved, (words, walk) in zip(own, moving.items(), strict=True)
     ]
@@ -372,8 +372,8 @@ def walks_page(gait: Gait, walks: Mapping[str, Walk], about: str, over: tuple[st
                 axis: f"{symbol(name)} {cycle_start(gait.system)} [{state_unit(name)}]"
                 for axis, name in zip("xy", over, strict=True)
             },
-            "size": [_rounded(np.diff(np.unique(column)).min()) for column in places.T],
-            "gait": [_rounded(gait.state[column]) for column in columns],
+            "size": [short(np.diff(np.unique(column)).min()) for column in places.T],
+            "gait": [short(gait.state[column]) for column in columns],
         }
     goes_on = (k for k, one in enumerate(shown) if one["ending"] == Ending.COMPLETED)
     return render(
@@ -383,10 +383,6 @@ def walks_page(gait: Gait, walks: Mapping[str, Walk], about: str, over: tuple[st
         data={"walks": shown, "common": common, "plane": plane, "first": next(goes_on, 0)},
         origins=[provenance(gait.problem)],
     )
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.7g}")
 
 
 def _without(moved: Sequence[str], point: Record) -> Record:

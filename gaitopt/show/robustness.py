@@ -1,6 +1,6 @@
-"""How robust a gait is: strips of the disturbances from which a walk returns to the gait, and from which it does not.
+"""Figures of robustness: strips of the disturbances from which a walk returns to its gait, and of the others.
 
-A figure of patches has a strip for 1, 2 and 4 tiles, a figure of pushes one for every rate.
+A figure of patches has a strip for each of 1, 2 and 4 tiles; a figure of pushes has a strip for every rate.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,9 +24,9 @@ ROW, REST, COLUMNS = 0.32, 0.75, 2
 ALL = "strips"
 """Name of the figure with all strips."""
 SINGLE = 0.0005
-"""Half the width of a strip with a single value."""
+"""Half the width of a strip in which a single value was tried, in the unit of the axis."""
 CLOSE_BEFORE = 0.15
-"""A label stands on the other side of its limit if it would begin in this last part of the axis."""
+"""A label is written to the left of its limit if the limit lies in this last part of the axis."""
 
 
 def strips(result: Robustness, name: str) -> Figure:

@@ -61,7 +61,7 @@ LONGEST_MODES = 80
 number of phases."""
 ENDED = "the time was over before the search was complete: more gaits or values may exist"
 AGGREGATES = {"worst": "worst over {}", "mean": "mean over {}", "at": "at {} = {}"}
-"""How the values of an objective over a range count."""
+"""The names of the ways in which values of an objective over a range count."""
 STABILITY = {True: "stable", False: "unstable"}
 FOUND_BY = {"newton": "Newton's method", "ipopt": "IPOPT"}
 CHAOTIC = 1e-3
@@ -81,7 +81,7 @@ TILE_KINDS = {
     "slope_up": "slope of tiles, more [rad]",
     "slope_down": "slope of tiles, less [rad]",
 }
-"""What the walks of a patch meet, by its key in JSON."""
+"""The names of the patches that walks cross, by their keys in JSON."""
 NORM_UNITS = {"period": "s", "step_length": "m", "foot_clearance": "m", "cone_distance": "N"}
 TILE_UNITS = {"friction": "", "height": "/m", "slope": "/rad"}
 
@@ -284,7 +284,7 @@ def print_gait(console: Console, record: Record, problem: Problem, *, every: boo
 
 
 def _print_range(console: Console, over: Record, problem: Problem) -> None:
-    """Print what a design over a range has shown, from the entry ``over`` of its record."""
+    """Print the results of a design over a range, from the entry ``over`` of its record."""
     key, (lower, upper), rows = over["parameter"], over["range"], list[tuple[str, str, str]]()
     own, points = number(problem.parameters[key]), over["points"]
     if over["objective"] is not None:
@@ -319,7 +319,7 @@ def _folded_section(
 
 
 def print_atlas(console: Console, record: Record) -> None:
-    """An atlas from its JSON object: regions, curves, codimension-two points."""
+    """Print an atlas from its JSON object: its size, its regions and its codimension-two points."""
     axes = record["over"]
     keys = [f"{axis['key']} [deg]" if axis["unit"] else axis["key"] for axis in axes]
     spans = [
@@ -629,7 +629,7 @@ def print_basin(console: Console, record: Record) -> None:
 
 
 def print_robustness(console: Console, record: Record) -> None:
-    """The figures of the robustness of a gait, with how each was found."""
+    """Print the figures of the robustness of a gait, and how each of them was found."""
     section(
         console,
         f"{record['problem']}: robustness",
@@ -639,10 +639,11 @@ def print_robustness(console: Console, record: Record) -> None:
 
 
 def robustness_rows(record: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """The table: figure, value or lower end, upper end, and how it was found."""
+    """The rows of the table: name of the figure, value or lower end, upper end, and the method that found it."""
     rows = list[tuple[str, str, str, str]]()
     for key, found in record.get("range", {}).items():
-        low, high = (_range_end(found[side], found[f"{side}_end"]) for side in ("low", "high"))
+        ends = [(found[side], spelled(found[f"{side}_end"])) for side in ("low", "high")]
+        low, high = ("no end found" if end is None else f"{end:.9g} ({kind})" for end, kind in ends)
         rows.append((f"stable range of {key}", low, high, "continuation"))
     for kind, of_length in record.get("patch", {}).items():
         values = ", ".join(
@@ -673,10 +674,6 @@ def robustness_rows(record: Mapping[str, Any]) -> list[tuple[str, str, str, str]
 
 def _figure(value: float | None, digits: int = 6) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
-
-
-def _range_end(value: float | None, kind: str) -> str:
-    return "no end found" if value is None else f"{value:.9g} ({spelled(kind)})"
 
 
 def print_attractors(console: Console, result: Attractors) -> None:

@@ -6,5 +6,5 @@
 - ``run``: the run folder as one object: problem, manifest, files, lines
 - ``gaits``: gaits, branch points and special points from their records
 - ``branch``: an unfinished branch, read back so that its continuation can be resumed
-- ``trace``: likewise an unfinished trace in two parameters
+- ``trace``: an unfinished trace in two parameters, read back in the same way
 """

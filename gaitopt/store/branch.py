@@ -14,7 +14,7 @@ from gaitopt.arrays import Array
 from gaitopt.errors import StorageError
 from gaitopt.gait.branch import TERMINAL, ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.records import BranchRecord, PointRecord, SpecialRecord
+from gaitopt.gait.records import BranchRecord, PointRecord
 from gaitopt.model.cycle import Cycle
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.arclength import LARGEST_ROUNDING
@@ -97,7 +97,8 @@ def stored_continuations(family: Gait, parameter: str, records: Sequence[BranchR
         points = [record for record in stored if record["record"] == "point"]
         end = {parameter: points[-1]["value"]} if points else {}
         specials = [record for record in stored if record["record"] == "special"]
-        beginning = [record for record in specials if _begins_others(record)]
+        # at some special points, branches begin besides the one with which the continuation proceeds
+        beginning = [record for record in specials if len(record["next"]) > ("to" in record)]
         is_complete = stored[-1]["record"] == "special" and stored[-1]["type"] in TERMINAL
         metric = next((_metric(point) for point in points if point.get("walk") is not None), None)
         read.append(
@@ -123,7 +124,7 @@ def resumable(records: Sequence[BranchRecord], exhausted: Callable[[int], str | 
 
     Parameters
     ----------
-    exhausted : number of points of a continuation -> why it pauses there; None if it continues.
+    exhausted : function of the number of points that says why a continuation pauses there; None if it proceeds.
     """
     again = set[int]()
     for stored in _by_continuation(records)[0].values():
@@ -149,11 +150,6 @@ def _by_continuation(records: Sequence[BranchRecord]) -> tuple[dict[int, list[Br
                 first[following.pop(0)] = number
             given.update(following)
     return continuations, given
-
-
-def _begins_others(record: SpecialRecord) -> bool:
-    """Whether a special point begins branches besides the one with which its own continuation proceeds."""
-    return len(record["next"]) > ("to" in record)
 
 
 def _metric(point: PointRecord) -> Array:

@@ -114,7 +114,7 @@ def branch_gait(family: Gait, values: Mapping[str, float], record: GaitRecord) -
 
     Parameters
     ----------
-    values : of the parameters of the branch.
+    values : values of the parameters of the branch by dotted key.
     """
     dynamics, cycle_of_modes = family.dynamics.at({**freed_values(record), **values}), Cycle.from_record(record)
     state, direction = dict(record["state"]), cycle_of_modes.steps[-1].impact.direction

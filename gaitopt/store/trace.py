@@ -1,4 +1,4 @@
-"""A stored trace in two parameters, read back so that its walk goes on to the last bit."""
+"""A stored trace in two parameters, read back so that the resumed trace has the same bits as an uninterrupted one."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,15 +12,15 @@ from gaitopt.store.branch import StoredPoint, last_point, unusable
 
 @dataclass(frozen=True, kw_only=True)
 class StoredTrace:
-    """The walk to one target as far as it is stored.
+    """The stored part of the walk along a curve towards one target.
 
     Attributes
     ----------
     count : number of points.
     largest : largest number of a curve.
-    is_complete : whether the curve ends there.
-    last : the last point; None if nothing is left to do.
-    condition : what vanishes along the curve there.
+    is_complete : whether the walk has reached its end.
+    last : the last point; None if the walk is complete.
+    condition : the condition that holds along the curve at the last point.
     metric : ndarray - scales of arclength.
     """
 
@@ -43,7 +43,7 @@ def stored_traces(family: Gait, free: tuple[str, str], records: Sequence[TraceRe
     Raises
     ------
     StorageError
-        If a walk cannot go on from its records.
+        If a walk cannot be resumed from its records.
     """
     traces = list[StoredTrace]()
     for walk in _walks(records):
@@ -68,11 +68,13 @@ def stored_traces(family: Gait, free: tuple[str, str], records: Sequence[TraceRe
 
 
 def resumable_trace(records: Sequence[TraceRecord], exhausted: Callable[[int], str | None]) -> list[TraceRecord]:
-    """The records from which an unfinished trace goes on: without special points after its last point, located again.
+    """The records from which an unfinished trace is resumed.
+
+    Special points after the last point are dropped, because they are located again.
 
     Parameters
     ----------
-    exhausted : why a walk with some number of points pauses; None if it goes on.
+    exhausted : function of the number of points of a walk that says why the walk pauses there; None if it proceeds.
     """
     kept = list[TraceRecord]()
     for walk in _walks(records):

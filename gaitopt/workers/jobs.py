@@ -21,11 +21,11 @@ from gaitopt.callbacks import Counted, Stop, TimeLimit
 from gaitopt.requests import WorkersRequest
 
 JOBS_AHEAD = 4
-"""Number of jobs that are submitted per worker beyond the current one, so that no worker waits for this process."""
+"""Number of jobs per worker that are submitted before the worker is free, so that no worker waits for this process."""
 POLLING_TIME = 0.1
 """Time between two calls of ``should_stop`` [s]."""
 RECOUNT_AFTER = 1.0
-"""Time after which the workers are counted again [s]."""
+"""Time between two counts of the workers, whose number may change on a cluster [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
