@@ -184,6 +184,15 @@ def test_less_friction_lets_the_foot_of_a_runner_slide_at_landing_and_then_befor
     assert branch.points[-1].gait.phases[2][0] == "slip_forward, leg free"
 
 
+@pytest.mark.slow
+def test_a_family_over_a_short_range_passes_the_slip_at_landing_too() -> None:
+    data = {"friction": 1.524, "gait.phases": [{"mode": "stick", "leg": "free"}, {"mode": "flight", "leg": "locked"}]}
+    branch = go.continuation(go.solve(go.load_problem("slip-run-foot").replace(data)), "friction", 1.515)
+    landing, end = branch.specials
+    assert landing.value == pytest.approx(1.52285888971, abs=1e-10)
+    assert (landing.type, end.value) == ("mode_change", 1.515)
+
+
 @pytest.mark.parametrize(
     ("name", "phases", "words"),
     [

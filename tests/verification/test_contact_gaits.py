@@ -9,11 +9,12 @@ from named import named
 from samples import sampled
 
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
-from gaitopt.problem.problem import restore_problem
+from gaitopt.problem.problem import load_problem, restore_problem
 from gaitopt.search.solve import solve
 from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.store.gaits import integrated_steps
+from gaitopt.systems import problem_dynamics
 from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.step_map import return_map
 from gaitopt.verification.verify import verify
@@ -93,6 +94,22 @@ def test_two_cycles_are_one_map_squared(name: str) -> None:
     one, two = (each.jacobian(each(xi).steps) for each in maps)
     assert two == pytest.approx(one @ one, abs=1e-12 * (1 + np.abs(one).max() ** 2))
     assert multiplier_distance(floquet_multipliers(two), floquet_multipliers(one) ** 2) < 1e-10
+
+
+def test_a_law_that_holds_contacts_acts_alike_in_a_step_whose_foot_slips() -> None:
+    """RABBIT with and without named contacts: modes are chosen while the law compares which contacts it holds."""
+    steps, after = [], []
+    for problem in (load_problem("rabbit-hzd-slip"), with_point_feet("rabbit-hzd-slip")):
+        dynamics = problem_dynamics(problem)
+        names = dynamics.system.state_names
+        step = Simulator(dynamics).step(np.array([problem.guess.state[name] for name in names])).step
+        steps.append(step)
+        after.append({name: x for name, x in zip(names, step.impact.state, strict=True) if name not in ("y", "dy")})
+    plain, feet = steps
+    assert [str(mode) for mode, _ in plain.phases] == ["stick", "slip_backward"]
+    assert [mode.brief for mode, _ in feet.phases] == ["foot stick", "foot slip_backward"]
+    assert feet.period == pytest.approx(plain.period, abs=1e-13)
+    assert after[1] == pytest.approx(after[0], abs=1e-11)
 
 
 @pytest.mark.slow
