@@ -8,11 +8,12 @@ import functools
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Generic, ParamSpec, Self, TypeVar, cast, overload
+from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, cast, overload
 
 Arguments = ParamSpec("Arguments")
 Value = TypeVar("Value")
 Property = TypeVar("Property", covariant=True)
+Owner = TypeVar("Owner")
 
 
 class cached_property(functools.cached_property[Property]):  # noqa: TID251
@@ -32,6 +33,23 @@ class cached_property(functools.cached_property[Property]):  # noqa: TID251
         if instance is None:
             return self
         return cast(Property, vars(instance).setdefault(str(self.attrname), self.func(instance)))
+
+
+def cached_method(
+    method: Callable[Concatenate[Owner, Arguments], Value],
+) -> Callable[Concatenate[Owner, Arguments], Value]:
+    """Decorator of a method whose results stay in its object by the arguments; no lock, as in ``cached_property``."""
+    key = f"_results_of_{method.__name__}"
+
+    @functools.wraps(method)
+    def cached(owner: Owner, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Value:
+        results: dict[Any, Value] = vars(owner).setdefault(key, {})
+        given = (*args, *kwargs.values()) if kwargs else args
+        if given not in results:
+            results.setdefault(given, method(owner, *args, **kwargs))
+        return results[given]
+
+    return cached
 
 
 @dataclass(frozen=True, slots=True)

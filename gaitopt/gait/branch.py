@@ -60,7 +60,7 @@ class ContinuationState(ReadOnlyArrays):
     metric : ndarray, shape (n_z + 2,) - scales of arclength: sizes of the states, the period [s], and the span of the
         parameter.
     earlier : number of points before this one that the extrapolation to the next point uses.
-    others : as ``origin``, of the parameters before the last one, on a curve in two parameters.
+    others : like ``origin``, the values of all other parameters of a curve in two parameters; empty on a branch.
     """
 
     unknowns: Array
@@ -171,8 +171,8 @@ class SpecialPoint(ReadOnlyArrays):
     tangent : ndarray - direction of the branch in section coordinates, durations and parameter, in SI; None if
         unknown.
     parameter : dotted key of the parameter.
-    coefficients : of the normal form of a bifurcation: ``b`` of a fold, ``c`` of a period doubling, ``re_d`` and
-        ``im_d`` of a Neimark-Sacker point; None at a strong resonance.
+    coefficients : coefficients of the normal form of a bifurcation: ``b`` for a fold, ``c`` for a period doubling,
+        ``re_d`` and ``im_d`` for a Neimark-Sacker point; None at a strong resonance.
     """
 
     branch: int

@@ -195,7 +195,7 @@ def trajectory_rows(steps: Iterable[Step], phase: tuple[str, ...] = ()) -> Itera
 
 
 def _units(system: HybridSystem) -> dict[str, str]:
-    states = {name: state_unit(name) for name in system.state_names}
+    states = {name: state_unit(name, system) for name in system.state_names}
     columns = {name: unit_of(name, system) for name in trajectory_header(system)}
     return {**columns, **states, **actuator_units(system.walker)}
 
@@ -258,8 +258,8 @@ class Gait(WalkerMotion):
     verification : record of the last verification, if any.
     causes : why there is no gait, most important cause first; empty for a gait.
     timed : indices of the phases that end at a breakpoint of the control, because the torques jump there.
-    best : of a design that failed, the point where it ended, see ``best_point``; otherwise None.
-    over : of a design over a range of a parameter, what it has shown there; otherwise None.
+    best : the point where a failed design ended, see ``best_point``; None for all other solves.
+    over : objective, stability and constraints along the range of a design over a range; None for all other gaits.
     """
 
     status: Status
@@ -463,7 +463,8 @@ def best_point(problem: Problem, state: Array, durations: Array, parameters: Map
 
     Parameters
     ----------
-    state, durations : of the motion, just after the impact and of its phases [s].
+    state, durations : state just after the impact, and durations of the phases [s].
+    parameters : values of the freed parameters by dotted key.
     """
     phases = zip(problem.cycle.phases, durations.tolist(), strict=True)
     return {

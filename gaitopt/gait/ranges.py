@@ -1,4 +1,4 @@
-"""What a design over a range of a parameter has shown: its objective, stability and constraints along the range."""
+"""The result of a design over a range of a parameter: objective, stability and constraints along the range."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,9 +11,9 @@ class RangePoint:
 
     Attributes
     ----------
-    value : of the parameter.
-    objective, spectral_radius : of the gait there.
-    sequence : phases and impact in words.
+    value : value of the parameter.
+    objective, spectral_radius : objective and spectral radius of the gait at this value.
+    sequence : phases and impact of the gait as a text.
     """
 
     value: float
@@ -28,16 +28,17 @@ class DesignRange:
 
     Attributes
     ----------
-    key, lower, upper : the parameter and its range.
-    aggregate : what was minimised of the objective over the range: ``worst``, ``mean`` or ``at``.
-    at : the value at which the objective counts under ``at``.
-    objective : that value; None if there is no objective, or no design.
+    key, lower, upper : dotted key of the parameter, and both ends of its range.
+    aggregate : what was minimised: the ``worst`` value of the objective over the range, its ``mean``, or the value
+        ``at`` one value of the parameter.
+    at : value of the parameter at which the objective counts if ``aggregate`` is ``at``.
+    objective : the minimised value; None if there is no objective, or no design.
     worst_at : value of the parameter at which the objective is largest.
-    binding : the value of the parameter at which a constraint lies at its bound, by name.
+    binding : for each constraint that is at its bound, by name, the value of the parameter where it is.
     scenarios : values of the parameter whose gaits were designed together.
-    single : objective of the design for the problem's own value alone, at that value.
+    single : objective at the problem's own value if the design is made for this value alone.
     points : the gaits along the range, confirmed by continuation.
-    widest : if no control was found for the whole range, the widest range for which one was.
+    widest : the widest range for which a control was found; None if one was found for the whole range.
     """
 
     key: str

@@ -18,16 +18,16 @@ from gaitopt.problem.statement import cycle_data
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveStart:
-    """A gait at which a curve of special points begins, or goes through.
+    """A gait through which a curve of special points passes, or at which it begins.
 
     Attributes
     ----------
-    type : of the special points: ``fold``, ``period_doubling``, ``neimark_sacker`` or ``margin``.
+    type : what the gaits of the curve are: ``fold``, ``period_doubling``, ``neimark_sacker`` or ``margin``.
     parameter : dotted key of the first parameter.
-    gait : a gait on it.
-    margin : the margin that vanishes along the curve: its kind, the index of its phase (None for the impact that ends
-        a step) and the step; None for a bifurcation.
-    kappa : about cos theta of the pair of multipliers of a Neimark-Sacker point.
+    gait : the gait.
+    margin : kind, index of the phase (None for the impact that ends a step) and step of the margin that vanishes along
+        the curve; None for a bifurcation.
+    kappa : approximate cosine of the angle of the pair of multipliers on the unit circle, for Neimark-Sacker points.
     """
 
     type: str
@@ -68,11 +68,11 @@ class TracePoint(ReadOnlyArrays):
     curve : number of the curve; it changes with the mode sequence.
     index : number of the point within its curve.
     values : both parameters by dotted key.
-    gait : the gait, in full.
+    gait : the gait with its motion.
     condition : what vanishes along the curve, as in the record of a ``CurveStart``.
-    tangent : ndarray - direction of the curve in scaled section coordinates, durations and parameters, of unit length.
+    tangent : ndarray - unit tangent of the curve in scaled section coordinates, durations and parameters.
     length : arclength to the next trial point.
-    walk : state of the walk along the curve here.
+    walk : state of the continuation at this point.
     """
 
     curve: int
@@ -109,16 +109,18 @@ class TraceSpecial:
     Attributes
     ----------
     curve : number of its curve.
-    type : such as ``resonance_1_2``, ``fold_flip``, ``margin_crossing``, ``margin_fold``; or ``end``.
+    type : name of the point, such as ``resonance_1_2``, ``fold_flip``, ``margin_crossing`` or ``margin_fold``; or
+        ``end``.
     values : both parameters by dotted key.
-    codimension : 2; 1 at an end that is only that of a request.
-    status : ``converged`` when located to rounding, ``guess`` when only bracketed.
+    codimension : 2, or 1 for the end of a curve at a bound of the request.
+    status : ``converged`` if located to machine precision, ``guess`` if only bracketed.
     reason : an explanation, if any.
-    coefficients : of the normal form of the curve's bifurcation; None where a resonance leaves none.
-    next : the curves that begin here, or pass through, each with the gait from which ``gaitopt.trace`` follows it.
-    before, after : cycles of modes on both sides of a margin.
-    bound : whether the curve itself continues beyond this end, which is a bound of the request.
-    open : whether the walk would go on with more points or more time.
+    coefficients : coefficients of the normal form of the curve's bifurcation; None at a resonance that has none.
+    next : the curves that begin at this point or pass through it, each with the gait from which ``gaitopt.trace``
+        follows it.
+    before, after : mode sequences on both sides of a margin.
+    bound : whether this end is a bound of the request; the curve itself continues beyond it.
+    open : whether the continuation would proceed with more points or more time.
     gait : the gait at this point.
     """
 
@@ -170,9 +172,10 @@ class Trace:
 
     Attributes
     ----------
-    parameters : dotted keys, that of the branch first.
-    type : of the special point.
-    points, specials : in the order in which they were found; points of the same mode sequence have one curve number.
+    parameters : dotted keys of both parameters, that of the branch first.
+    type : type of the special point with which the trace began.
+    points, specials : points and special points in the order of the continuation; consecutive points of the same mode
+        sequence have the same curve number.
     """
 
     parameters: tuple[str, str]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 SHORTEST_SAMPLED_ARC = 1e-6
-"""A shorter arc needs no samples: it may be a straight line between its two ends; in units of sqrt(l / g)."""
+"""Duration, in units of sqrt(l / g), below which the line between the two ends of an arc is its motion."""
 SAME_TIME = 1e-12
 """Largest relative difference of two equal times that rounding can cause."""
 

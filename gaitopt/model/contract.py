@@ -3,14 +3,12 @@
 A law may come from any package. Each error is one sentence that names the class and the attribute or method.
 """
 
-import inspect
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from math import inf, isfinite
 from types import SimpleNamespace
 from typing import Any, get_args
-from weakref import WeakSet
 
 import numpy as np
 from casadi import (
@@ -41,8 +39,7 @@ from pydantic.fields import FieldInfo
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.model.control import OWN_PACKAGE, Control, SectionType, is_parameter, parameter_names
-from gaitopt.model.declaration import MODEL
-from gaitopt.model.foreign import NAME, NAME_WORDS, Reader, calling, shown
+from gaitopt.model.foreign import MODEL, Reader, calling, check_declared, field_faults, shown
 from gaitopt.model.instant import Instant
 from gaitopt.model.reference import MOST_KNOTS, Path
 from gaitopt.model.units import UNITS, Within
@@ -59,7 +56,8 @@ period may cause."""
 PERIOD_FRACTIONS = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 """Fractions of the period at which torques are evaluated, with both ends."""
 DEVIATION, STATES = 0.1, 3
-"""Deviation from the guess, and number, of the states in which both ends of a period are compared."""
+"""The torques at both ends of a period are compared in this many states: the guess, and states that deviate from it by
+random numbers of this size."""
 KINKED = {OP_FABS: "fabs", OP_FMAX: "fmax", OP_FMIN: "fmin"}
 """Operations whose derivatives jump."""
 JUMPING = {
@@ -68,8 +66,6 @@ JUMPING = {
     OP_COPYSIGN: "copysign",
 }  # fmt: skip
 """Operations whose values jump."""
-_PASSED: WeakSet[type[Control]] = WeakSet()
-"""Classes that have passed ``check_law``."""
 
 
 def check_law(law: object) -> None:
@@ -80,17 +76,7 @@ def check_law(law: object) -> None:
     ProblemError
         If an attribute is missing or has the wrong type.
     """
-    if not (isinstance(law, type) and issubclass(law, Control)):
-        raise ProblemError(f"{shown(law)} is not a subclass of gaitopt.Control")
-    if law in _PASSED:
-        return
-    with calling(law, "reading its attributes"):
-        if inspect.isabstract(law):
-            raise ProblemError(f"{law.__name__}: lacks {', '.join(sorted(law.__abstractmethods__))}")
-        reason = next(_class_faults(law), None)
-    if reason is not None:
-        raise ProblemError(f"{law.__name__}: {reason}")
-    _PASSED.add(law)
+    check_declared(law, Control, _class_faults)
 
 
 def _class_faults(law: type[Control]) -> Iterator[str]:
@@ -122,17 +108,12 @@ def _class_faults(law: type[Control]) -> Iterator[str]:
 
 def _field_faults(name: str, field: FieldInfo) -> Iterator[str]:
     """Messages about one field of a class."""
-    if hasattr(Control, name) or name in ATTRIBUTES:
-        yield "has the name of an attribute or method of Control: rename it"
-    if not NAME.fullmatch(name):
-        yield f"must have {NAME_WORDS}"
-    if field.alias is not None or field.validation_alias is not None:
-        yield "has an alias, which problem files cannot use: remove it"
-    if field.exclude:
-        yield "is excluded from records of the law: remove exclude=True"
-    if any(kind in OPAQUE for kind in _types(field.annotation)):
+    yield from field_faults(Control, name, field, ATTRIBUTES)
+    annotation = field.annotation
+    if any(kind in OPAQUE for kind in _types(annotation)):
+        kind = str(annotation) if get_args(annotation) else getattr(annotation, "__name__", str(annotation))
         words = "which does not say what problem files may give: state one such as float, str or tuple[float, ...]"
-        yield f"is of type {_type_words(field.annotation)}, {words}"
+        yield f"is of type {kind}, {words}"
     for entry in field.metadata:
         if isinstance(entry, Within) and entry.unit not in UNITS:
             yield f"has a range in {shown(entry.unit)}, which is not a natural unit: {', '.join(UNITS)}"
@@ -145,11 +126,6 @@ def _types(annotation: object) -> Iterator[object]:
         yield annotation
     for argument in arguments:
         yield from _types(argument)
-
-
-def _type_words(annotation: object) -> str:
-    """The name of a type."""
-    return str(annotation) if get_args(annotation) else getattr(annotation, "__name__", str(annotation))
 
 
 def law_section(law: type[Control], walker: WalkerType) -> SectionType:

@@ -7,11 +7,9 @@ which it may depend. An error is one sentence that names the class and the attri
 
 import inspect
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping
 from types import SimpleNamespace
 from typing import Any, NamedTuple
-from weakref import WeakSet
 
 import numpy as np
 from casadi import DM, SX, Function, depends_on, horzcat, jacobian, vertcat
@@ -21,11 +19,13 @@ from gaitopt.building import built_once
 from gaitopt.errors import ProblemError
 from gaitopt.model.foreign import (
     FOOT_COORDINATES,
-    NAME,
+    MODEL,
     NAME_WORDS,
     Reader,
     calling,
+    check_declared,
     doubles,
+    field_faults,
     is_finite,
     is_list,
     is_name,
@@ -84,9 +84,6 @@ REMEDIES = {
     "model": ': write model = "NAME" in its body; problem files name the walker by it',
     "shape": ': write shape = ("theta1", ...) in its body, the names of its coordinates',
 }
-MODEL = re.compile(r"\w[\w.-]*")
-_PASSED: WeakSet[type[Walker]] = WeakSet()
-"""Classes that have passed ``check_class``; every point of a branch builds a problem of the same class."""
 
 
 def check_class(walker: object) -> None:
@@ -97,17 +94,7 @@ def check_class(walker: object) -> None:
     ProblemError
         If an attribute is missing, has the wrong type, names something twice, or contradicts another attribute.
     """
-    if not (isinstance(walker, type) and issubclass(walker, Walker)):
-        raise ProblemError(f"{shown(walker)} is not a subclass of gaitopt.Walker")
-    if walker in _PASSED:
-        return
-    with calling(walker, "reading its attributes"):
-        if inspect.isabstract(walker):
-            raise ProblemError(f"{walker.__name__}: lacks {', '.join(sorted(walker.__abstractmethods__))}")
-        reason = next(_class_faults(walker), None)
-    if reason is not None:
-        raise ProblemError(f"{walker.__name__}: {reason}")
-    _PASSED.add(walker)
+    check_declared(walker, Walker, _class_faults)
 
 
 class SymbolicMechanism(NamedTuple):
@@ -442,9 +429,7 @@ def _class_faults(walker: type[Walker]) -> Iterator[str]:
             yield f"{name} must not be overridden: it follows from the class attributes"
     yield from _name_faults(walker)
     for name, field in walker.model_fields.items():
-        why = _field_fault(name, field)
-        if why is not None:
-            yield f"the parameter {name} {why}"
+        yield from (f"the parameter {name} {why}" for why in _field_faults(name, field))
     config = walker.model_config
     if not config.get("frozen") or config.get("extra") != "forbid":
         yield "model_config must keep frozen=True and extra='forbid'"
@@ -553,22 +538,14 @@ def _motor_faults(walker: type[Walker], names: tuple[str, ...]) -> Iterator[str]
         yield f"tracked has {len(walker.tracked)} entries, but actuators has {len(walker.actuators)}"
 
 
-def _field_fault(name: str, field: FieldInfo) -> str | None:
-    """Message about one parameter."""
-    if hasattr(Walker, name) or name in ATTRIBUTES:
-        return "has the name of an attribute or method of Walker: rename it"
-    if not NAME.fullmatch(name):
-        return f"must have {NAME_WORDS}"
+def _field_faults(name: str, field: FieldInfo) -> Iterator[str]:
+    """Messages about one parameter."""
+    yield from field_faults(Walker, name, field, ATTRIBUTES)
     if field.annotation not in (float, int):
         kind = getattr(field.annotation, "__name__", str(field.annotation))
-        return f"is of type {kind}, but must be a number: float, int, or a type of gaitopt.model.units"
-    if field.alias is not None or field.validation_alias is not None:
-        return "has an alias: problem files name it as the class does"
-    if field.exclude:
-        return "is excluded from records of the walker"
+        yield f"is of type {kind}, but must be a number: float, int, or a type of gaitopt.model.units"
     if not (field.description is None or isinstance(field.description, str)):
-        return f"has the description {shown(field.description)}, which is not a text"
-    return None
+        yield f"has the description {shown(field.description)}, which is not a text"
 
 
 def _section_of(walker: type[Walker]) -> Any:

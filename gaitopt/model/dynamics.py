@@ -24,7 +24,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import margin_unit
 from gaitopt.model.units import Scales
-from gaitopt.threads import cached_property
+from gaitopt.threads import cached_method, cached_property
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,16 +110,11 @@ class Dynamics(ReadOnlyArrays):
         units = np.array([self.scales.length if name in lengths else 1.0 for name in self.system.walker.coordinates()])
         return np.concatenate([units, units / self.scales.time])
 
-    @cached_property
-    def _margin_units(self) -> dict[Mode, Array]:
-        return {}
-
+    @cached_method
     def margin_units(self, mode: Mode) -> Array:
         """Natural unit of every margin of a mode, shape (n,); read-only."""
-        if mode not in self._margin_units:
-            names, scales = self.system.transitions.margin_names(mode), self.scales
-            self._margin_units[mode] = read_only(np.array([margin_unit(name, scales) for name in names]))
-        return self._margin_units[mode]
+        names, scales = self.system.transitions.margin_names(mode), self.scales
+        return read_only(np.array([margin_unit(name, scales) for name in names]))
 
     def lift(self, xi: Array) -> Array:
         """State just after an impact of a foot, shape (n_z,), from section coordinates with or without dx."""

@@ -31,7 +31,7 @@ from gaitopt.model.modes import FOOT, OFF, SWING_FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, section_of
 from gaitopt.model.transitions import PUSH, impulse_name, share_name, transitions
 from gaitopt.model.walker import Walker
-from gaitopt.threads import cached_property
+from gaitopt.threads import cached_method, cached_property
 
 
 class Expressions:
@@ -60,7 +60,6 @@ class Expressions:
         self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
         feedback = SX.sym("f", len(control.feedback_parameters))  # which acts between the steps, not in expressions
         self.p = vertcat(self.eom.p, coefficients, self._scalars, self.eom.ground, feedback)
-        self._motions: dict[Mode, Motion] = {}
         self._impacts: dict[tuple[Mode, tuple[str, ...], tuple[str, ...]], Impact] = {}
         self._pushes: dict[tuple[tuple[str, ...], Mode], tuple[Mapping[str, SX], SX, SX]] = {}
         self._torques: dict[tuple[str, Mode | None], SX] = {}
@@ -152,11 +151,10 @@ class Expressions:
 
     # ---- motions
 
+    @cached_method
     def motion(self, mode: Mode) -> Motion:
         """Accelerations and contact forces in a mode."""
-        if mode not in self._motions:
-            self._motions[mode] = BUILT.watch(self._driven(mode, self.torque(mode)))
-        return self._motions[mode]
+        return BUILT.watch(self._driven(mode, self.torque(mode)))
 
     def _driven(self, mode: Mode, torque: SX) -> Motion:
         """Accelerations and contact forces in a mode under given torques."""

@@ -1,19 +1,21 @@
-"""Code of other packages: calls of its methods, whose exceptions become one sentence, and checks of their results.
+"""Code of other packages: checks of its classes, calls of its methods, and checks of their results.
 
-Each expression must have the right shape and depend only on those arguments on which it may depend. An error names the
-class and the method.
+An exception of a method becomes one sentence. Each expression must have the right shape and depend only on those
+arguments on which it may depend. An error names the class and the method.
 """
 
 import difflib
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import SimpleNamespace, UnionType
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 from casadi import DM, SX, Function, depends_on, symvar, vertcat
+from pydantic.fields import FieldInfo
 
 from gaitopt.errors import ProblemError
 
@@ -23,6 +25,47 @@ NAME_WORDS = "a name of ASCII letters and digits, with single underscores betwee
 FOOT_COORDINATES = ("x", "y")
 KINDS: Any = (SX, DM, int, float, np.number, np.ndarray)
 """Types that a method may return for an expression."""
+MODEL = re.compile(r"\w[\w.-]*")
+"""The words by which problem files name walkers and control laws."""
+_PASSED: WeakSet[type] = WeakSet()
+"""Classes that have passed ``check_declared``; every point of a branch builds a problem of the same classes."""
+
+
+def check_declared(declared: object, base: type, faults: Callable[[Any], Iterator[str]]) -> None:
+    """Check a class of walkers or control laws; none of its methods is called.
+
+    Parameters
+    ----------
+    base : the class of gaitopt from which it must be derived.
+    faults : messages about its attributes and fields.
+
+    Raises
+    ------
+    ProblemError
+        With the first fault.
+    """
+    if not (isinstance(declared, type) and issubclass(declared, base)):
+        raise ProblemError(f"{shown(declared)} is not a subclass of gaitopt.{base.__name__}")
+    if declared in _PASSED:
+        return
+    with calling(declared, "reading its attributes"):
+        missing = ", ".join(sorted(getattr(declared, "__abstractmethods__", ())))
+        reason = f"lacks {missing}" if missing else next(faults(declared), None)
+    if reason is not None:
+        raise ProblemError(f"{declared.__name__}: {reason}")
+    _PASSED.add(declared)
+
+
+def field_faults(base: type, name: str, field: FieldInfo, attributes: Sequence[str]) -> Iterator[str]:
+    """Messages about a field that no class may have; ``attributes`` are the class attributes of ``base``."""
+    if hasattr(base, name) or name in attributes:
+        yield f"has the name of an attribute or method of {base.__name__}: rename it"
+    if not NAME.fullmatch(name):
+        yield f"must have {NAME_WORDS}"
+    if field.alias is not None or field.validation_alias is not None:
+        yield "has an alias, which problem files cannot use: remove it"
+    if field.exclude:
+        yield "is excluded from records: remove exclude=True"
 
 
 @contextmanager

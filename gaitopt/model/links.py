@@ -22,9 +22,9 @@ from gaitopt.model.foreign import KINDS, NAME_WORDS, Reader, calling, doubles, i
 from gaitopt.model.mechanism import ORIGIN, Body, Damper, Link, Mechanism, inclined
 
 SAME = 1e-9
-"""Numbers of two legs agree if their relative difference is smaller; files have fewer digits."""
+"""Largest relative difference of numbers of two legs that are alike; files state fewer digits."""
 COMPARISON_DEPTH = 10
-"""Depth to which expressions of positions and angles are compared."""
+"""Depth of the expression trees to which CasADi compares positions and angles."""
 COMPARED = ("mass", "inertia", "position", "com", "tip", "rotor_inertia", "damping", "foot_radius")
 
 

@@ -60,15 +60,15 @@ margins."""
 SAMPLES = 5
 """Number of random states of which one that is not singular determines the solved coordinates."""
 SMALLEST_ENTRY = 0.1
-"""If there is a choice, an equation is solved only for coordinates whose entry in it, relative to its largest one,
-exceeds this."""
+"""Smallest derivative of an equation by a coordinate, relative to its largest derivative, with which the equation is
+solved for this coordinate if it can be solved for another one."""
 NEWTON_STEPS = 50
 """Largest number of Newton steps. About five are needed, and some damped steps before if the state is distant."""
 LONGEST_CLOSING_STEP = 0.3
 """Longest Newton step in rad and SI units. Longer steps might lead to another posture."""
 CLOSED, ROUNDING = 1e-9, 1e-13
-"""After a step below the first size the equations are solved; a step below the second one is rounding and is left
-out."""
+"""Newton's method ends after a step that is smaller than the first number. A step smaller than the second is rounding,
+and is not taken."""
 
 
 class Section:

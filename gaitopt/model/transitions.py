@@ -45,6 +45,7 @@ from gaitopt.model.modes import FOOT, NEXT_STATE, OFF, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.units import UNITS, Scales
 from gaitopt.model.walker import Walker
+from gaitopt.threads import cached_method
 
 
 class Ending(StrEnum):
@@ -403,19 +404,15 @@ class Transitions:
         self._closing = walker.stops if walker.stands_on_one() else walker.closing_stops
         self.unique = "painleve" if walker.stands_on_one() else "regularity"
         self.landed = tuple(walker.released(contact) for contact in grounded(walker.foot_modes()))
-        self._phases: dict[Mode, Mapping[str, Transition]] = {}
-        self._impacts: dict[tuple[Mode, Mode], Mapping[str, Transition]] = {}
         self._landings: dict[tuple[str, Mode], Mapping[Mode, Mode]] = {}
-        self._breakpoints: dict[Mode, Transition] = {}
-        self._between: dict[tuple[Mode, Mode | None, Mode | None], Transition] = {}
         self._checked: set[Cycle] = set()
 
+    @cached_method
     def of(self, mode: Mode) -> Mapping[str, Transition]:
         """Transitions by their guards, in the order of ``HybridSystem.margins``."""
-        if mode not in self._phases:
-            self._phases[mode] = {row.guard: row for row in self._of_phase(mode)}
-        return self._phases[mode]
+        return {row.guard: row for row in self._of_phase(mode)}
 
+    @cached_method
     def of_impact(self, mode: Mode, before: Mode) -> Mapping[str, Transition]:
         """Transitions to what replaces an impact, by its margins in the order of ``HybridSystem.impact_margins``.
 
@@ -424,9 +421,7 @@ class Transitions:
         mode : mode just after the impact, with the names that the contacts have before it; see ``struck``.
         before : mode just before it.
         """
-        if (mode, before) not in self._impacts:
-            self._impacts[mode, before] = {row.guard: row for row in self._of_impact(mode, before)}
-        return self._impacts[mode, before]
+        return {row.guard: row for row in self._of_impact(mode, before)}
 
     def name(self, what: str, contact: str) -> str:
         """The name of a margin of a contact. The gap of a foot without a label is called ``touchdown``."""
@@ -486,6 +481,7 @@ class Transitions:
             self._landings[row.guard, mode] = known
         return self._landings[row.guard, mode]
 
+    @cached_method
     def between(self, mode: Mode, after: Mode | None, struck: Mode | None = None) -> Transition:
         """The transition from ``mode`` to the next mode ``after`` of the step; None stands for the end of the step.
 
@@ -498,11 +494,6 @@ class Transitions:
         ValueError
             If no event leads from one to the other.
         """
-        if (mode, after, struck) not in self._between:
-            self._between[mode, after, struck] = self._best(mode, after, struck)
-        return self._between[mode, after, struck]
-
-    def _best(self, mode: Mode, after: Mode | None, struck: Mode | None) -> Transition:
         if after is None and self.cycle_end == CLOCK:
             return self._row(CLOCK, reset=Reset(of=CLOCK, ends_step=True), candidates=(mode,))
         if after is None and (struck is None or self.cycle_end != TOUCHDOWN):
@@ -585,16 +576,15 @@ class Transitions:
             before = stops[-1][2]
         return tuple(stops)
 
+    @cached_method
     def at_breakpoint(self, mode: Mode) -> Transition:
         """The transition at a breakpoint of the control law, where the torques and with them the forces may jump.
 
         Its time is fixed, so that deviations pass it unchanged although the flow jumps. The forces of a contact at rest
         determine its next state; a slipping contact continues to slip, or is lifted off; in flight nothing changes.
         """
-        if mode not in self._breakpoints:
-            rests = _at_rest(mode)
-            self._breakpoints[mode] = self._row(BREAKPOINT, at_rest=rests, candidates=self._candidates(mode, rests))
-        return self._breakpoints[mode]
+        rests = _at_rest(mode)
+        return self._row(BREAKPOINT, at_rest=rests, candidates=self._candidates(mode, rests))
 
     def ending(self, cycle: Cycle, phase: int) -> Transition:
         """The transition that ends a phase of a cycle."""
@@ -858,10 +848,9 @@ class Transitions:
         return sorted(rows, key=lambda row: order.index(row.guard) if row.guard in order else -1)
 
     def _may_stick_too(self, mode: Mode, name: str, landing: Sequence[str]) -> bool:
-        """Whether an impact after which a contact slips may stick instead because both are consistent.
+        """Whether an impact may be consistent both with a slip of a contact and with sticking, which then comes first.
 
-        With one coefficient and one law for both, the margin of that has the sign of the slip velocity and is not
-        needed.
+        If one coefficient and one law apply to both, an impact that slips cannot stick, and it needs no margin.
         """
         drops = self._friction.may_drop and len(mode.touching) == 1
         return drops or (self._law is ImpactLaw.FRICTIONLESS and name in landing)

@@ -98,8 +98,10 @@ class OverridePlace:
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
         """``walker.leg_mass`` after the label."""
         keys = self.related(path) or list(self.keys)
+        if keys in ([], [dotted(path)]):  # nothing is overridden, or this key alone
+            return (0, 0) if not keys else (list(self.keys).index(keys[0]), 0), f"{self.label}{dotted(path)}"
         where = f"{self.label}{', '.join(map(plain, keys))}"
-        return (list(self.keys).index(keys[0]), 0), where if keys == [dotted(path)] else f"{where}: {dotted(path)}"
+        return (list(self.keys).index(keys[0]), 0), f"{where}: {dotted(path)}"
 
 
 @dataclass(frozen=True, slots=True)

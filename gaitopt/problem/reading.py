@@ -35,6 +35,7 @@ from gaitopt.problem.schema import (
     OPEN,
     SECTION_KEYS,
     SIMULATION_KEYS,
+    Aggregate,
     AngleRangeSection,
     CycleSection,
     FirstGuessSection,
@@ -52,7 +53,7 @@ from gaitopt.problem.schema import (
     is_angle,
     state_section,
 )
-from gaitopt.problem.statement import Aggregate, FirstGuess, Free, Guess, OpenSequence, Over, Range, Until
+from gaitopt.problem.statement import FirstGuess, Free, Guess, OpenSequence, Over, Range, Until
 
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -19,12 +19,13 @@ Gamus & Or (2013), eq. (22) for the cost of transport.
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 from gaitopt.model.control import Control
 from gaitopt.model.declaration import actuator_units
 from gaitopt.model.registry import registered_walkers
 from gaitopt.model.units import MOTOR_WORDS, OF_FORCES, Interval, Within, symmetric, words_and_unit
+from gaitopt.model.walker import Walker
 
 POSITIVE: Interval = (0, inf)
 MOTORS, PUSH, DAMPERS, FLIGHT = "motors", "push", "dampers", "flight"
@@ -353,10 +354,15 @@ def label_of(key: str, of: Driven | None = None) -> str:
     return f"{FRICTION_LABELS['.'.join(('friction', *kind))]}, {contact.replace('_', ' ')}"
 
 
-def state_unit(name: str) -> str:
-    """The unit of a state: coordinates of the foot and declared lengths are in metres, all others are angles."""
-    rate = name.startswith("d")
-    lengths = {"x", "y"}.union(*(walker.lengths for walker in registered_walkers().values()))
+def state_unit(name: str, of: Driven | None = None) -> str:
+    """The unit of a state: coordinates of the foot and declared lengths are in metres, all others are angles.
+
+    Parameters
+    ----------
+    of : problem or system whose state it is; by default the lengths of all registered walkers count.
+    """
+    rate, walkers = name.startswith("d"), registered_walkers().values() if of is None else (of.walker,)
+    lengths = {"x", "y"}.union(*(walker.lengths for walker in walkers))
     return ("m" if name[rate:] in lengths else "rad") + ("/s" if rate else "")
 
 
@@ -377,7 +383,7 @@ def unit_of(key: str, of: Driven | None = None) -> str:
     """
     motors, names = _motor_units(of), key.split(".")
     if key.startswith("state."):
-        return state_unit(names[-1])
+        return state_unit(names[-1], of)
     if phase_of(key) is not None:
         return "s"
     if key in SCALARS:
@@ -390,7 +396,8 @@ def unit_of(key: str, of: Driven | None = None) -> str:
         acting = {motors[motor]} if motor else {*motors.values()} if unit != "rad" else set()
     else:
         unit, acting = NUMBER_UNITS.get(names[-1], ""), set[str]()
-        for walker in registered_walkers().values() if names[0] == "walker" else ():
+        walkers = (_walker_of(of),) if of is not None else registered_walkers().values()
+        for walker in walkers if names[0] == "walker" else ():
             if names[-1] in walker.model_fields:
                 unit = words_and_unit(walker.model_fields[names[-1]].description or "")[1]
     units = dict.fromkeys(OF_FORCES.get(unit, unit) if motor == "N" else unit for motor in sorted(acting))
@@ -398,6 +405,9 @@ def unit_of(key: str, of: Driven | None = None) -> str:
 
 
 def _motor_units(of: Driven | None) -> Mapping[str, str]:
-    if of is None:
-        return {}
-    return actuator_units(of.walker if isinstance(of.walker, type) else type(of.walker))
+    return {} if of is None else actuator_units(_walker_of(of))
+
+
+def _walker_of(of: Driven) -> type[Walker]:
+    """The class of the walker of a problem or a system."""
+    return cast(type[Walker], of.walker if isinstance(of.walker, type) else type(of.walker))

@@ -5,6 +5,7 @@ that depend on the walker (its state, its torques) are made from the walker's ow
 """
 
 from collections.abc import Mapping
+from enum import StrEnum
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
@@ -64,6 +65,14 @@ RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(8))
 SLIP = Within(unit="speed", possible=symmetric(100), usual=symmetric(5))
 POSITION = Within(unit="length", possible=symmetric(1000))
 LENGTH = Within(unit="length", possible=symmetric(1000), usual=symmetric(2))
+
+
+class Aggregate(StrEnum):
+    """How the values of an objective over a range of a parameter count: the largest one, their mean, or one of them."""
+
+    WORST = "worst"
+    MEAN = "mean"
+    AT = "at"
 
 
 class HeadSection(Section):
@@ -242,8 +251,6 @@ SIMULATION_KEYS = ("state", "until")
 """Keys of a file that states no gait and can only be simulated."""
 SECTION_KEYS = ("walker", "control", "gait", *SIMULATION_KEYS, "objective", "constraints", "over", "at")
 """Keys of a file besides those of ``HeadSection``."""
-AGGREGATES = {"worst": "the largest value over the range", "mean": "the mean of nine equally spaced values"}
-"""Keys of an objective over a range, and what they mean."""
 OPEN = "auto"
 """Value of ``gait.phases`` that leaves the mode sequence open."""
 
@@ -345,7 +352,10 @@ def problem_schema() -> dict[str, Any]:
                         "required": [word],
                         "maxProperties": 1,
                     }
-                    for word, words in AGGREGATES.items()
+                    for word, words in (
+                        (Aggregate.WORST.value, "the largest value over the range"),
+                        (Aggregate.MEAN.value, "the mean of nine equally spaced values"),
+                    )
                 ),
             ],
         },

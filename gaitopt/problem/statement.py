@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
-from enum import StrEnum
 from numbers import Integral, Real
 from typing import Any, cast
 
@@ -24,7 +23,7 @@ from gaitopt.model.section import CLOCK, TOUCHDOWN, Section, has_stated_sections
 from gaitopt.model.units import parse_count
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
-from gaitopt.problem.schema import OPEN, SIMULATION_KEYS, FirstGuessSection, FrictionCoefficients
+from gaitopt.problem.schema import OPEN, SIMULATION_KEYS, Aggregate, FirstGuessSection, FrictionCoefficients
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,14 +49,6 @@ class Range:
     def is_equality(self) -> bool:
         """Whether the scalar has one value."""
         return self.minimum == self.maximum
-
-
-class Aggregate(StrEnum):
-    """How the values of an objective over a range of a parameter count: the largest one, their mean, or one of them."""
-
-    WORST = "worst"
-    MEAN = "mean"
-    AT = "at"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -107,7 +107,10 @@ class Attractors(Plotted):
             for k, run in enumerate(r["attractors"])
             for state in run["states"]
         ]
-        units = {self.axis.key: unit_of(self.axis.key, self.problem), **{name: state_unit(name) for name in self.names}}
+        units = {
+            self.axis.key: unit_of(self.axis.key, self.problem),
+            **{name: state_unit(name, self.problem) for name in self.names},
+        }
         return data_frame(header, rows, {name: units.get(name, "") for name in header}, problem=self.problem.name)
 
 

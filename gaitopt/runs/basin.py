@@ -249,7 +249,9 @@ class Basin(Plotted, ReadOnlyArrays):
         endings = np.where(self.labels < 0, failed, "")
         variables = {"gait": (keys, self.labels), "steps": (keys, self.steps), "ending": (keys, endings)}
         coordinates = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
-        return data_set(variables, coordinates, {key: state_unit(key) for key in keys}, problem=self.problem.name)
+        return data_set(
+            variables, coordinates, {key: state_unit(key, self.problem) for key in keys}, problem=self.problem.name
+        )
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object: the gaits with their shares, and the failures by name."""

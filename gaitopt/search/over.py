@@ -32,7 +32,8 @@ from gaitopt.gait.branch import TERMINAL, BranchPoint
 from gaitopt.gait.gait import Cause, Gait, Status, best_point
 from gaitopt.gait.ranges import DesignRange, RangePoint
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.statement import Aggregate, Over, Range
+from gaitopt.problem.schema import Aggregate
+from gaitopt.problem.statement import Over, Range
 from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
 from gaitopt.systems import solve_sequence
 

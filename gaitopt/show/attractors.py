@@ -71,7 +71,7 @@ def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Se
             for state in run["states"]
         ]
         look |= {"markersize": 2.5, "markeredgewidth": 0}
-        axes.set_ylabel(f"{symbol(name)} {cycle_start(result.problem)} [{typeset(state_unit(name))}]")
+        axes.set_ylabel(f"{symbol(name)} {cycle_start(result.problem)} [{typeset(state_unit(name, result.problem))}]")
     if points:
         axes.plot(*np.array(points).T, linestyle="", color=ATTRACTOR_COLOUR, rasterized=True, zorder=3, **look)
     handles.append(entry("walks settle here", color=ATTRACTOR_COLOUR, marker=".", linestyle=""))

@@ -253,7 +253,7 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
             *([FURTHER] if any(further.values()) else []),
         ],
         "coordinates": {name: state_unit(name) for name in (*walker.shape, "x", "y")},
-        "states": {name: state_unit(name) for name in system.state_names},
+        "states": {name: state_unit(name, system) for name in system.state_names},
         "parameters": {
             name: {"key": key, "exact": exact[key], "value": values[key], "unit": unit_of(key, system)}
             for key, name in names.items()
@@ -369,7 +369,7 @@ def motion_record(gait: Gait, theorem: Mapping[str, Any] | None) -> dict[str, An
             number += 1
         began += step.period
     header = trajectory_header(system)
-    units = {name: state_unit(name) for name in system.state_names} | {"mode": ""}
+    units = {name: state_unit(name, system) for name in system.state_names} | {"mode": ""}
     return {
         "n_steps": len(gait.steps),
         "period": enclosed("period", gait.period),

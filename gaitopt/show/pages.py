@@ -369,7 +369,7 @@ def walks_page(gait: Gait, walks: Mapping[str, Walk], about: str, over: tuple[st
         plane = {
             "title": "Click a start to see its walk",
             **{
-                axis: f"{symbol(name)} {cycle_start(gait.system)} [{state_unit(name)}]"
+                axis: f"{symbol(name)} {cycle_start(gait.system)} [{state_unit(name, gait.system)}]"
                 for axis, name in zip("xy", over, strict=True)
             },
             "size": [short(np.diff(np.unique(column)).min()) for column in places.T],

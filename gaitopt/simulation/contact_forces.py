@@ -37,6 +37,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.transitions import CONE, share_name
 from gaitopt.model.walker import Walker
+from gaitopt.threads import cached_method
 
 IMAGINARY = 1e-50
 """Size of the imaginary parts, whose squares are negligible compared with the real parts."""
@@ -259,7 +260,6 @@ class ContactForces:
         self._mechanics = Buffers(system.mechanics)
         self._mechanics_rate: Buffers | None = None
         self._law: tuple[Buffers, Buffers] | None = None
-        self._moved: dict[Mode, bool] = {}
 
     @property
     def law_depends_on_holding(self) -> bool:
@@ -270,12 +270,11 @@ class ContactForces:
         """Modes as arrays."""
         return candidates(self.walker, self.springs, tuple(modes))
 
+    @cached_method
     def is_undetermined(self, mode: Mode) -> bool:
         """Whether the motion in a mode depends on undetermined shares of forces."""
-        if mode not in self._moved:
-            of = dict(zip(self.walker.landing_points(), self.friction.kinetic.tolist(), strict=True))
-            self._moved[mode] = bool(np.linalg.norm(friction_of_shares(self.walker, mode, of)) > LARGEST_REMAINDER)
-        return self._moved[mode]
+        of = dict(zip(self.walker.landing_points(), self.friction.kinetic.tolist(), strict=True))
+        return bool(np.linalg.norm(friction_of_shares(self.walker, mode, of)) > LARGEST_REMAINDER)
 
     def mechanics(self, z: Array) -> Mechanics:
         """The walker at a state in SI."""

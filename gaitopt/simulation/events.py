@@ -55,7 +55,8 @@ MAX_NEWTON_STEP = 1e-3
 """Longest Newton step towards an event that an engine has located up to ``EDGE``. If a margin barely falls, its tangent
 is useless far away."""
 BARELY_MOVING = 1e-18
-"""Lift of a slip velocity. It is below all rounding: the shortest slips that are resolved reach about 1e-17."""
+"""Number by which the margin of a slip velocity is lifted, see ``lift``. The largest velocity of the shortest slips that
+are resolved is ten times as large."""
 MAX_ITERATIONS = 100
 """Enough iterations to bisect any interval down to rounding."""
 

@@ -83,8 +83,8 @@ class OnTiles:
 
     Attributes
     ----------
-    nominal : as given.
-    system : the system on tiles.
+    nominal : the walker on the nominal floor, in its first step.
+    system : the hybrid system on tiles.
     """
 
     def __init__(self, dynamics: Dynamics, *, drops: bool, uneven: bool) -> None:
@@ -124,7 +124,8 @@ class OnTiles:
 
         Parameters
         ----------
-        tiles : those under each contact, at the heights that they have there; nominal ones by default.
+        tiles : the tiles under each contact, with their heights relative to the tile of this step; a contact that is
+            left out has level ground of nominal friction.
         states : ndarray, shape (m, n_z) - states in which the step begins.
         """
         at, m = n % len(self._steps), len(states)

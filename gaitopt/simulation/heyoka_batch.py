@@ -192,7 +192,10 @@ class Arrivals:
 
 
 class _Motions:
-    """The steps so far; the ending -1 means that a motion continues."""
+    """The motions of one call of ``BatchSimulator.step``: the state, mode and history of every row.
+
+    A motion whose ending is -1 has not ended.
+    """
 
     def __init__(self, states: Array, dynamics: Dynamics, p: Array | None) -> None:
         n, system, self._p = len(states), dynamics.system, p
@@ -368,7 +371,7 @@ class BatchResolver:
         if self._clear is None or not n:
             return np.full(n, NONE), np.zeros(n, dtype=np.bool_)
         stuck, *slips = grounded(candidates)
-        fixed = {2: self._natural.parameters[stuck], 4: self._natural.margins[[stuck, *slips][-1]]}
+        fixed = {2: self._natural.parameters(stuck), 4: self._natural.margins([stuck, *slips][-1])}
         if candidates not in self._rests:
             self._rests[candidates] = HeyokaRowMap(self._natural.functions.rest(stuck, slips), fixed)
         taus, zetas = times / self._natural.time, states / self._natural.state
@@ -511,7 +514,7 @@ class BatchArcs:
             compiled, constants = self._integrator(mode)
             lifts = [lift(*column) for column in zip(names, margins.T, rates.T, strict=True)]
             if p is not None:
-                own = self._own_constants[mode](_with(p, natural.parameters[mode]), self._data[segments])[0]
+                own = self._own_constants[mode](_with(p, natural.parameters(mode)), self._data[segments])[0]
             pars = np.column_stack([constants[segments] if p is None else own, *lifts])
             speeds = np.nan_to_num(np.abs(flow[moved]).max(axis=1), nan=np.inf)
             _Lanes(compiled.taylor, pars, limits / natural.time, ends, moved, moved[np.argmin(speeds)]).run()
@@ -566,7 +569,7 @@ class BatchArcs:
 
     def _point(self, mode: Mode, segments: Indices, taus: Array, zetas: Array, p: Array | None) -> list[Array]:
         """Rates of states, margins and their rates."""
-        parameters = self._natural.parameters[mode]
+        parameters = self._natural.parameters(mode)
         if mode not in self._points:
             self._points[mode] = HeyokaRowMap(self._natural.functions.point(mode), {2: parameters})
         own = None if p is None else [_with(p, parameters)]
@@ -576,7 +579,7 @@ class BatchArcs:
         """The integrator of a mode, and its runtime parameters on every segment; shape (n_segments, n_par)."""
         if mode not in self._integrators:
             compiled = integrator(self._natural.functions.arc(mode), lanes=LANES)
-            parameters = self._natural.parameters[mode]
+            parameters = self._natural.parameters(mode)
             self._integrators[mode] = compiled, np.array([compiled.values(parameters, data) for data in self._data])
             self._own_constants[mode] = RowMap(compiled.constants)
         return self._integrators[mode]

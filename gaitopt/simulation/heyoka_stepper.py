@@ -97,7 +97,7 @@ class HeyokaStepper(Stepper):
             self._integrators[key] = compiled, compiled.taylor.state, compiled.taylor.pars, {}
         compiled, memory, pars, constants = self._integrators[key]
         if segment not in constants:
-            constants[segment] = compiled.values(natural.parameters[mode], natural.system.data(segment))
+            constants[segment] = compiled.values(natural.parameters(mode), natural.system.data(segment))
         values, taylor = constants[segment], compiled.taylor
         pars[: values.size], taylor.time, memory[:] = values, self._precision(time), state
         return taylor

@@ -18,6 +18,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.simulation.events import Point
+from gaitopt.threads import cached_method
 
 SINGULAR = 1e-5
 """A slip ends as singular if its apparent mass falls to this, relative to that of a sticking foot. Forces lose digits
@@ -128,18 +129,6 @@ class NaturalSystem:
         return self._functions[name]
 
 
-class PerMode(dict[Mode, Array]):
-    """Arrays by mode, made on first use."""
-
-    def __init__(self, make: Callable[[Mode], Array]) -> None:
-        self._make = make
-
-    def __missing__(self, mode: Mode) -> Array:
-        """The array of a mode."""
-        self[mode] = value = self._make(mode)
-        return value
-
-
 class NaturalDynamics:
     """A hybrid system at fixed parameters in natural units.
 
@@ -155,32 +144,31 @@ class NaturalDynamics:
     functions : functions of the system in natural units.
     time, speed : units of time and speed [s], [m/s].
     state : ndarray, shape (n_z,) - units of the state.
-    margins : for each mode, the units of its margins, padded with ones to the largest number of margins of a mode.
-    parameters : for each mode, the parameters of ``functions``.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
         self.dynamics, self.system, scales = dynamics, dynamics.system, dynamics.scales
         self.functions = natural_system(dynamics.system.shared)
         self.time, self.speed, self.state = scales.time, scales.speed, dynamics.state_units
-        most = dynamics.system.transitions.most_margins
-
-        def margin_units(mode: Mode) -> Array:
-            values = dynamics.margin_units(mode)
-            return np.append(values, np.ones(most - values.size))
-
-        self.margins = PerMode(margin_units)
-        self.parameters = PerMode(
-            lambda mode: np.concatenate([dynamics.p, [self.time], self.state, self.margins[mode]])
-        )
         self._points: dict[Mode, Buffers] = {}
         self._rests: dict[Mode, Buffers] = {}
+
+    @cached_method
+    def margins(self, mode: Mode) -> Array:
+        """Units of the margins of a mode, padded with ones to the largest number of margins of a mode."""
+        values = self.dynamics.margin_units(mode)
+        return np.append(values, np.ones(self.system.transitions.most_margins - values.size))
+
+    @cached_method
+    def parameters(self, mode: Mode) -> Array:
+        """Parameters of ``functions`` in a mode."""
+        return np.concatenate([self.dynamics.p, [self.time], self.state, self.margins(mode)])
 
     def point(self, mode: Mode, segment: int, tau: float, zeta: Array) -> Point:
         """The point of a motion in a mode, on a segment of the control."""
         if mode not in self._points:
             self._points[mode] = function = Buffers(self.functions.point(mode))
-            function.inputs[2][:] = self.parameters[mode]
+            function.inputs[2][:] = self.parameters(mode)
         flow, margins, rates = self._evaluate(self._points[mode], segment, tau, zeta)
         return Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())
 
@@ -190,9 +178,9 @@ class NaturalDynamics:
         """The point of a motion with a sticking foot, and the margins of the ``slips`` at this point."""
         if mode not in self._rests:
             self._rests[mode] = function = Buffers(self.functions.rest(mode, slips))
-            function.inputs[2][:] = self.parameters[mode]
+            function.inputs[2][:] = self.parameters(mode)
             for slip in slips[:1]:
-                function.inputs[4][:] = self.margins[slip]
+                function.inputs[4][:] = self.margins(slip)
         flow, margins, rates, *slipping = self._evaluate(self._rests[mode], segment, tau, zeta)
         point = Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())
         return point, [values.tolist() for values in slipping]

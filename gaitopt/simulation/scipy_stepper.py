@@ -101,7 +101,7 @@ class ScipyStepper(Stepper):
             step = CompiledStep(function, function, rtol=rtol, atol=atol)
             self._variations[mode, columns] = step, Buffers(function)
         step, rate = self._variations[mode, columns]
-        p, data = self._natural.parameters[mode], self._natural.system.data(segment)
+        p, data = self._natural.parameters(mode), self._natural.system.data(segment)
         step.load(p, data)
         (f,) = rate(start, y, p, data)
         integration = Integration(step, start, y, f.copy(), end, min(FIRST_STEP, end - start))
@@ -117,7 +117,7 @@ class ScipyStepper(Stepper):
             rtol, atol = self._tolerances
             functions = natural.functions.flow(mode), natural.functions.point(mode)
             self._steps[mode] = CompiledStep(*functions, rtol=rtol, atol=atol, compare=watch)
-        self._steps[mode].load(natural.parameters[mode], natural.system.data(segment))
+        self._steps[mode].load(natural.parameters(mode), natural.system.data(segment))
         return self._steps[mode]
 
 

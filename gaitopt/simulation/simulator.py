@@ -146,9 +146,16 @@ class Simulator:
         after: Mode | Termination,
         z: Array,
     ) -> "Simulator":
-        """The simulator after an event within step ``n`` of a walk, see ``step``, whose tiles it updates.
+        """The simulator with which step ``n`` of a walk on a floor continues after an event.
 
-        It is another one where other contacts touch the ground. A foot at the base point stays on the tile of its step.
+        If other contacts touch the ground than before it, they are on other tiles: the tiles of ``walk`` are updated,
+        and another simulator continues. A foot at the base point stays on the tile of its step.
+
+        Parameters
+        ----------
+        walk : see ``step``.
+        before, after : mode before the event, and mode or ending after it.
+        z : state just after the event.
         """
         if walk is None or not isinstance(after, Mode) or after.touching == before.touching:
             return self
@@ -274,9 +281,9 @@ class Simulator:
         number : number of the step in messages.
         anywhere : see ``run``.
         rest : time [s] and number of events after which to end within the step; None for a whole step.
-        walk : the simulator of the walk on a floor of which this is a step, the tiles of the contacts on the ground,
-            which are kept up to date because named contacts that leave the ground may land on another tile, and the
-            state in which the cycle began.
+        walk : the walk on a floor to which this step belongs: its simulator; the tiles of the contacts on the ground,
+            which this function updates when named contacts leave the ground and land on other tiles; and the state in
+            which the cycle began. None on the nominal floor.
         """
         table, time, segment = self.system.transitions, 0.0, 0
         z = self._after_impact(state, anywhere=anywhere)
@@ -437,7 +444,7 @@ def _completed(arcs: list[Arc], impact: ImpactRecord, number: int, origin: float
 
 
 def _limit_reached(transition: Transition | None, at_end: bool, last_event: bool) -> str:
-    """A text about the limit of the simulation that a step has reached; empty if it has reached none."""
+    """A text that says at which limit of time or events the simulation ends; empty if it continues."""
     if transition is None:
         return "to the time limit" if at_end else ""
     within = not transition.ends_step and transition.ending is None

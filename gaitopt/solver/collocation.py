@@ -237,7 +237,7 @@ class Collocation:
                 name = self.system.transitions.ending(self.cycle, label.phase or 0).guard
             if name in MOTION:
                 coordinate = names[run % len(names)]
-                unit = state_unit(coordinate)
+                unit = state_unit(coordinate, self.system)
             elif name == "integral":
                 unit = unit_of(RATES[self.goals.rates[run]], self.system)
             elif name == "lengths":

@@ -40,7 +40,7 @@ ROUNDING = 1e-12
 NEWTON_STEPS = 12
 """Largest number of undamped Newton steps."""
 DAMPED_DEFECT = 1e-9
-"""A damped search ends at this defect, relative to the sizes of the coordinates; the solver refines the result."""
+"""Defect, relative to the sizes of the coordinates, at which a damped search ends; the solver refines the result."""
 LARGEST_NEWTON_STEP = 0.5
 """Longest step of a damped search, relative to the sizes of the coordinates."""
 DAMPING = (1.0, 0.5, 0.25, 0.125, 0.0625)
@@ -51,7 +51,7 @@ LARGEST_DEVIATION, DEVIATIONS = 2.0**-12, 16
 """Largest deviation h of a difference, in natural units, and number of deviations, each half as large as the one
 before. At the smallest, 7e-9, rounding of a step is 1e-6 to 1e-5 of the deviation."""
 SMALL_DEVIATION = LARGEST_DEVIATION / 2**12
-"""If walks with the largest deviation leave the modes of the gait, this one shows whether close ones keep them."""
+"""Deviation that shows whether walks close to the gait have its modes, if those with the largest deviation have not."""
 
 Difference = Callable[[float], Array | None]
 StepModes: TypeAlias = list[tuple[tuple[Mode, ...], Mode]]
@@ -369,7 +369,7 @@ def _has_modes_of(cycle: StepModes, walked: StepModes) -> bool:
 
 
 def _lies_between(mode: Mode, before: Mode, after: Mode) -> bool:
-    """Whether every contact has in ``mode`` its state of ``before`` or of ``after``, and not all those of one."""
+    """Whether the state of each contact in ``mode`` is that in ``before`` or ``after``, and ``mode`` is neither."""
     return mode.contacts not in (before.contacts, after.contacts) and all(
         state in (before.contacts[name], after.contacts[name]) for name, state in mode.contacts.items()
     )
@@ -405,7 +405,8 @@ def event_at_end(arc: Arc, after: Arc | None, impact: Mode) -> tuple[Transition,
 
     Returns
     -------
-    struck : with the names that the contacts have before the impact.
+    row : the row of the table.
+    struck : the mode just after the impact, with the names that the contacts have before it.
     """
     system = arc.dynamics.system
     struck = _swapped(system, impact) if after is None else _struck(system, after)

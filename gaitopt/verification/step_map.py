@@ -149,10 +149,20 @@ class StepMap:
         return self._lift(xi, self.dynamics.p, self._near)
 
     def closed(self, xi: Array) -> tuple[Callable[..., StepOutcomes], Array]:
-        """A map that can follow every walk, and the states in its terms for section coordinates or whole states.
+        """A map of one step whose results are its arguments for the next step, and the first arguments from ``xi``.
 
-        A walk may leave the section of a gait if more contacts slip or touch, or on tiles of another height. In that
-        case the map takes whole states. It is given the rows of these states among those with which the walks began.
+        Walks on the nominal floor whose section is stated are mapped from section coordinates to section coordinates.
+        All others may leave the section, because more contacts slip or touch, or because tiles differ in height; they
+        are mapped from whole states to whole states.
+
+        Parameters
+        ----------
+        xi : section coordinates (n, k), or whole states (n, n_z).
+
+        Returns
+        -------
+        step : function of the arguments, and of their row numbers among the first arguments.
+        arguments : section coordinates or whole states.
         """
         if self.is_stated and self.floor is None:
             return self, xi

@@ -93,9 +93,11 @@ class TiledWalks:
         return rows, outcomes
 
     def cycle(self, rows: Rows | None = None) -> StepOutcomes:
-        """One step of some of the walks that go on, all by default; one with each leg if the legs differ.
+        """Advance walks by one step, or by one step with each leg if the legs differ, and return how they ended.
 
-        The others end.
+        Parameters
+        ----------
+        rows : indices of the walks that go on; the others end. All go on by default.
         """
         if rows is not None:
             self.leave(np.setdiff1d(self.walking, rows))
@@ -174,7 +176,11 @@ class _Batches:
         return Tiles(friction=of[0], height=rise, slope=zero if of[2] is None else of[2])
 
     def _last_special(self) -> float:
-        """The last step that begins or ends on a tile that is not nominal, or after one of another height."""
+        """Number of the last step that needs the system on tiles; infinite if all do, -1 if none does.
+
+        Such a step begins or ends on a tile that is not nominal, or begins on a tile of another height than the one
+        before it.
+        """
         special = np.zeros(self._tiles, dtype=bool)
         for name, values in self._floors.items():
             full = values[:, np.minimum(np.arange(self._tiles), values.shape[1] - 1)]
