@@ -55,8 +55,8 @@ MAX_NEWTON_STEP = 1e-3
 """Longest Newton step towards an event that an engine has located up to ``EDGE``. If a margin barely falls, its tangent
 is useless far away."""
 BARELY_MOVING = 1e-18
-"""Number by which the margin of a slip velocity is lifted, see ``lift``. The largest velocity of the shortest slips that
-are resolved is ten times as large."""
+"""Number by which the margin of a slip velocity is lifted, see ``lift``. The shortest slips that are resolved reach ten
+times this velocity."""
 MAX_ITERATIONS = 100
 """Enough iterations to bisect any interval down to rounding."""
 
