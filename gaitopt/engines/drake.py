@@ -23,11 +23,11 @@ from gaitopt.arrays import Array
 from gaitopt.engines.plant import POINT_RADIUS, Tree
 
 SETTINGS: dict[str, dict[str, Any]] = {
-    "default": {"solver": "lagged", "stiffness": None, "dissipation": None, "near_rigid": 1.0},
-    "best": {"solver": "sap", "stiffness": 1e12, "dissipation": 0.0, "near_rigid": 1.0},
+    "default": {"solver": "lagged", "stiffness": None, "dissipation": None, "near_rigid": 1.0, "stiction": 1e-4},
+    "best": {"solver": "sap", "stiffness": 1e12, "dissipation": 0.0, "near_rigid": 1.0, "stiction": 1e-4},
 }
 """``best`` is the solver SAP with a contact stiffer than SAP's near-rigid limit, so that the time step sets the
-stiffness."""
+stiffness. A contact that sticks creeps at up to ``stiction`` [m/s], except with SAP."""
 NOT_TURNING = 1e9
 """Moment of inertia, relative to mass and square of a metre, of a body that slides without turning."""
 PLANE = RotationMatrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
@@ -48,6 +48,7 @@ class Simulator:
             time_step=dt, contact_model="point", discrete_contact_approximation=settings["solver"]
         )
         config.sap_near_rigid_threshold = settings["near_rigid"]
+        config.stiction_tolerance = settings["stiction"]
         plant, self._scene = AddMultibodyPlant(config, builder)
         plant.mutable_gravity_field().set_gravity_vector([tree.gravity[0], 0, tree.gravity[1]])
         material = {"dissipation": settings["dissipation"], "point_stiffness": settings["stiffness"]}

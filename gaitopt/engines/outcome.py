@@ -139,12 +139,12 @@ def run(reference: Reference, simulator: type[Simulator], dt: float, settings: M
         coordinates.append(q.copy())
         rates.append(v.copy())
         forces.append(f)
-        if reference.contacts:
-            ends = step < cycle and local + dt >= period - dt / 2  # with the clock
+        if reference.clock:
+            ends = local + dt >= period - dt / 2
         else:
-            ends = step < cycle and local >= reference.windows[step][1] and bool(f[1 - reference.stance(step), 1] > 0)
-        if ends:
-            step, began = step + 1, period if reference.contacts else float(t)
+            ends = local >= reference.windows[step % cycle][1] and bool((f[reference.lands(step), 1] > 0).any())
+        if ends and step < cycle:
+            step, began = step + 1, period if reference.clock else float(t)
             landings.append(began)
     if len(landings) < cycle:
         motion = _motion(reference, times, coordinates, rates, [*landings, np.inf])
@@ -186,20 +186,21 @@ def _measured(
         inside = np.flatnonzero((times >= first) & (times <= last))
         moved = [tree.foot(foot, coordinates[k], rates[k]) for k in inside]
         x, speed = np.array([position[0] for position, _ in moved]), np.array([velocity[0] for _, velocity in moved])
-        path = np.diff(x)
+        stated_speed, closed = reference.slip_speed(step, times[inside] - reference.starts[step], foot)
+        path = np.diff(x)[closed[1:] & closed[:-1]]
         slip["slip_forward"] += float(path[path > 0].sum())
         slip["slip_backward"] -= float(path[path < 0].sum())
         # a contact may be lost and found again from one time step to the next
         window = max(1, round(SHORTEST_MODE * period / (times[1] - times[0])))
         carried = np.convolve(forces[inside, foot, 1] > 0, np.ones(window), mode="same") > 0
         modes = np.where(carried, _modes(reference, speed), "off")
-        stated = _modes(reference, reference.slip_speed(step, times[inside] - reference.starts[step], foot))
+        stated = np.where(closed, _modes(reference, stated_speed), "off")
         slides, slips = (np.char.startswith(names, "slip") for names in (modes, stated))
         missed += float((slips & ~slides).sum() * (times[1] - times[0]) / period)
         invented += float((slides & ~slips).sum() * (times[1] - times[0]) / period)
         sequence.append(_runs(modes, window))
         expected.append(_runs(stated, window))
-        for arc in (arc for arc in reference.gait.steps[step].arcs if reference.sticks(arc, foot)):
+        for arc in (arc for arc in reference.gait.steps[step].arcs if reference.sticks(arc, step, foot)):
             margin = TRIMMED * arc.duration
             began, ended = (reference.starts[step] + t for t in (arc.start + margin, arc.end - margin))
             if began < ended < times[inside[-1]]:
@@ -213,7 +214,7 @@ def _measured(
         "slip_invented": invented,
         "sequence": tuple(sequence),
         "sequence_matches": sequence == expected,
-        "impact_error": None if reference.contacts else _impact_error(reference, times, forces, end),
+        "impact_error": None if reference.clock else _impact_error(reference, times, forces, end),
         "energy_error": (energies[0] - energies[1]) / weight,
         "deviation": tuple(early.tolist()),
     }
@@ -230,13 +231,17 @@ def _state(reference: Reference, step: int, q: Array, v: Array) -> Array:
 
 
 def _impact_error(reference: Reference, times: Array, forces: Array, end: float) -> float:
-    """Relative difference of the impulses at the landing foot, including the forces after the impact."""
+    """Relative difference of the impulses at the landing foot, including the forces after the impact.
+
+    The forces count up to the comparison, or until shortly before another contact lands.
+    """
+    landings = [arc.start for arc in reference.gait.steps[0].arcs[1:] if arc.struck is not None]
+    end = min([end, *((1 - SETTLED) * start + float(reference.starts[-1]) for start in landings)])
     cycle, period = len(reference.gait.steps), float(reference.starts[-1])
-    foot = reference.stance(cycle)
     spans = np.clip(end - times, 0.0, times[1] - times[0]) * (times > (1 - SETTLED) * period)
-    impulse = spans @ forces[:, foot]
+    impulse = spans @ forces[:, reference.lands(cycle - 1)].sum(axis=1)
     middles = period + (end - period) * (np.arange(MIDPOINT_INTERVALS) + 0.5) / MIDPOINT_INTERVALS
-    stated = reference.gait.steps[-1].final_impact.impulse
+    stated = reference.landing_impulse
     expected = stated + (end - period) * np.mean([reference.force(float(t)) for t in middles], axis=0)
     return float(np.linalg.norm(impulse - expected) / np.linalg.norm(stated))
 
@@ -260,6 +265,7 @@ def _motion(
     """Samples of the times, of the stance foot's path in each step, and of the gait's shape coordinates."""
     shown = np.unique(np.linspace(0, len(times) - 1, MOST_SAMPLES).round().astype(int))
     names, origin, last = reference.system.walker.shape, 0.0, 0
+    x = reference.system.state_names.index("x")
     columns: dict[str, list[float]] = {"t": [], "x": [], **{name: [] for name in names}}
     for k in shown:
         step = int(np.searchsorted(landings, times[k], side="right"))
@@ -267,9 +273,9 @@ def _motion(
             break
         z = reference.shape_state(step, coordinates[k], rates[k])
         if step != last or k == 0:
-            origin, last = float(z[len(names)]), step
+            origin, last = float(z[x]), step
         columns["t"].append(float(times[k]))
-        columns["x"].append(float(z[len(names)]) - origin)
+        columns["x"].append(float(z[x]) - origin)
         for name, value in zip(names, z, strict=False):
             columns[name].append(float(value))
     return columns

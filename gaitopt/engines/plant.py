@@ -10,15 +10,16 @@ The torques of the control law act on the absolute angles a of the bodies, with 
     A' tau = E u
 
 A walker with several contacts declares no links. Its bodies and contacts form a tree if they can be divided into
-rigid links that share a body or contact with the first one, their hinge, or into bodies that do not turn. Points belong
-to one link if their distances do not depend on the posture. All of its contacts are on, and its cycle ends with the
-clock of its control law.
+rigid links that are joined at hinges, each of which is a point of both links, or into bodies that do not turn. Points
+belong to one link if their distances do not depend on the posture. If the feet swap roles, the partner of a point is
+the one that takes its place in the relabelled posture, and the root is a link that meets its partner in a hinge.
 
-The swing foot of a gait may pass through the ground (scuff), which the gait's guard ignores. Its contact is therefore
-off between two times of the step: when the gait's foot is highest before it scuffs, and when it is highest afterwards.
+The swing foot of a gait may pass through the ground (scuff), which the gait's guard ignores. The contacts that end a
+step by landing are therefore off between two times of the step: when the lowest of them is highest before it scuffs,
+and when it is highest afterwards.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -83,12 +84,15 @@ class Tree:
     Attributes
     ----------
     slides : whether no body turns.
+    bases : body and place of the gait's point (x, y) in the first step and in the second one, if the walker has several
+        contacts.
     """
 
     bodies: tuple[Body, ...]
     feet: tuple[Foot, ...]
     gravity: tuple[float, float]
     slides: bool = False
+    bases: tuple[tuple[int, tuple[float, float]], ...] = ()
 
     @property
     def n(self) -> int:
@@ -161,12 +165,13 @@ class Reference:
 
     Parameters
     ----------
-    gait : a converged gait whose walker declares its links.
+    gait : a converged gait whose walker is a tree of links.
 
     Attributes
     ----------
     tree : the bodies of the walker.
     contacts : names of the contacts, if there are several.
+    clock : whether the cycle ends with the clock of the control law rather than with a landing.
     friction : largest coefficient of friction of a foot.
     starts : times of the impacts [s], from 0 to the period.
     length, time : natural units [m, s].
@@ -183,6 +188,7 @@ class Reference:
         _refuse(gait)
         self.gait, self.system = gait, gait.system
         self.contacts = self.system.walker.contacts
+        self.clock = gait.problem.cycle_end == CLOCK
         tree = _tree_of_points if self.contacts else _tree
         self.tree, self._poses, slopes, self._offset, self._partners = tree(gait)
         self._inverse = np.linalg.pinv(slopes)
@@ -192,23 +198,35 @@ class Reference:
         self.length, self.time = gait.dynamics.scales.length, gait.dynamics.scales.time
         self.starts = np.cumsum([0.0, *(step.period for step in gait.steps)])
         self._distances = np.cumsum([0.0, *(step.final_impact.step_length for step in gait.steps)])
-        self.windows = [(0.0, 0.0) if self.contacts else _window(step) for step in gait.steps]
+        self.windows = [(0.0, 0.0) if self.clock else _window(step) for step in gait.steps]
         self.turn = 0.0
         ends = (self.coordinates(t)[0] for t in (np.nextafter(self.starts[1], 0.0), self.starts[1]))
         before, after = map(self.tree.angles, ends)
         self.turn = float(np.round(before - after, TURN_DIGITS)[0])
 
+    def contact(self, step: int, foot: int) -> str:
+        """The contact of the gait whose role a foot of the tree has in a step."""
+        walker, swapped = self.system.walker, step % 2 and not self.clock
+        name = walker.landing_points()[foot]
+        return walker.partners().get(name, name) if swapped else name
+
+    def lands(self, step: int) -> list[int]:
+        """Indices of the feet of the tree whose landing ends a step."""
+        ends = self.system.walker.step_ends()
+        return [foot for foot in range(len(self.tree.feet)) if self.contact(step, foot) in ends]
+
     def stance(self, step: int) -> int:
-        """Index of the stance foot in a step: 0 or 1; the first one of several contacts."""
-        return 0 if self.contacts else step % 2
+        """Index of the stance foot in a step, or of the first one of several contacts."""
+        first = self.system.walker.landing_points()[0]
+        return next(foot for foot in range(len(self.tree.feet)) if self.contact(step, foot) == first)
 
     def standing(self, step: int) -> tuple[int, ...]:
         """Indices of the feet that are compared in a step: the stance foot, or all contacts."""
         return tuple(range(len(self.contacts))) or (self.stance(step),)
 
-    def sticks(self, arc: Arc, foot: int) -> bool:
+    def sticks(self, arc: Arc, step: int, foot: int) -> bool:
         """Whether a foot sticks in an arc of the gait."""
-        return arc.mode.contacts[self.contacts[foot]] == Mode.STICK if self.contacts else arc.mode.sticks
+        return bool(arc.mode.contacts[self.contact(step, foot)] == Mode.STICK)
 
     def step_at(self, t: float) -> tuple[int, float]:
         """Number of the step at a time since the start, and time since its impact; the cycle continues by one step."""
@@ -227,23 +245,36 @@ class Reference:
         s = 2 * (local - arc.start) / arc.duration - 1
         return np.asarray(chebyshev.chebval(s, curves.coefficients(arc.states)), dtype=float)
 
-    def slip_speed(self, step: int, local: Array, foot: int) -> Array:
-        """Speed of the gait's stance foot, or of a contact, at times since the start of a step, shape (m,) [m/s]."""
-        speed = np.zeros(local.size)
+    def slip_speed(self, step: int, local: Array, foot: int) -> tuple[Array, NDArray[np.bool_]]:
+        """Speed [m/s] of the gait's contact and whether it is closed, at times in a step, shape (m,)."""
+        speed, closed, name = np.zeros(local.size), np.zeros(local.size, dtype=bool), self.contact(step, foot)
         arcs = self.gait.steps[step % len(self.gait.steps)].arcs
         for arc in arcs:
             inside = (local >= arc.start) & ((local < arc.end) | (arc is arcs[-1]))
             s = 2 * (local[inside] - arc.start) / arc.duration - 1
-            values = observe(arc).slip[:, [foot]] if self.contacts else arc.states[:, -1:]
+            values = observe(arc).slip[:, [self.contacts.index(name)]] if self.contacts else arc.states[:, -1:]
             speed[inside] = chebyshev.chebval(s, curves.coefficients(values)[:, 0])
-        return speed
+            closed[inside] = name in arc.mode.touching
+        return speed, closed
 
     def force(self, t: float) -> Array:
-        """Force (f_t, f_n) of the ground on the gait's stance foot at a time since the start [N]."""
+        """Force (f_t, f_n) of the ground on the gait's foot that has landed, at a time since the start [N]."""
         step, local = self.step_at(t)
-        arc = self.arc(step, local)
+        arc, walker = self.arc(step, local), self.system.walker
         observed = buffered(self.system.observation(arc.mode))
-        return observed(local, self.state(t), arc.dynamics.p, self.system.data(arc.segment))[0][:2].copy()
+        forces = observed(local, self.state(t), arc.dynamics.p, self.system.data(arc.segment))[0]
+        return self._of_landed(forces, {walker.partners().get(name, name) for name in walker.step_ends()})
+
+    @property
+    def landing_impulse(self) -> Array:
+        """Impulse (F_t, F_n) of the ground on the foot that lands at the end of the gait [N s]."""
+        return self._of_landed(self.gait.steps[-1].final_impact.impulse, {*self.system.walker.step_ends()})
+
+    def _of_landed(self, values: Array, landed: set[str]) -> Array:
+        """The sum over the contacts of the foot that lands; a stance foot without a name is the only one."""
+        pairs = np.reshape(values, (-1, 2))[: len(self.contacts) or 1]
+        total: Array = pairs[[name in landed for name in self.contacts] or [True]].sum(axis=0)
+        return total
 
     def coordinates(self, t: float) -> tuple[Array, Array]:
         """Coordinates and rates of an engine, shape (n + 2,) each, at a time since the start."""
@@ -291,8 +322,10 @@ class Reference:
         )
         shape = self._inverse @ (angles - step * self.turn - self._offset)
         rates = self._inverse @ speeds
-        if self.contacts:  # (x, y) is the origin of the root
-            return np.concatenate([shape, q[1::-1], rates, v[1::-1]])
+        if self.contacts:
+            bases = self.tree.bases
+            position, velocity = self.tree.point(*bases[step % len(bases)], q, v)
+            return np.concatenate([shape, position[::-1], rates, velocity[::-1]])
         position, velocity = self.tree.foot(self.stance(step), q, v)
         return np.concatenate([shape, position[:1], rates, velocity[:1]])
 
@@ -306,30 +339,30 @@ class Reference:
 
     def touching(self, step: int, local: float) -> tuple[bool, ...]:
         """Whether the contacts of the feet are on, at a time since the impact before a step in the engine."""
-        if self.contacts:
-            return (True,) * len(self.contacts)
-        first, last = self.windows[step % len(self.windows)]
-        swing = local >= last or (step > 0 and local < first)
-        return (True, swing) if self.stance(step) == 0 else (swing, True)
+        (first, last), swing = self.windows[step % len(self.windows)], self.lands(step)
+        start = {*self.gait.steps[0].arcs[0].mode.touching}
+
+        def is_on(foot: int) -> bool:
+            stands = foot not in swing or local >= last
+            return stands or (local < first and (step > 0 or self.contact(step, foot) in start))
+
+        return tuple(map(is_on, range(len(self.tree.feet))))
 
     def _roles(self, step: int) -> Any:
         """For each body of the gait, the body of the tree that has its role in a step."""
-        return self._partners if step % 2 and not self.contacts else np.arange(len(self.tree.bodies))
+        return self._partners if step % 2 and not self.clock else np.arange(len(self.tree.bodies))
 
 
 def _refuse(gait: Gait) -> None:
     """Refuse a gait that the adapters cannot model; the error names the reason."""
-    walker, name = gait.system.walker, gait.problem.name
-    crawls = bool(walker.contacts) and gait.problem.cycle_end == CLOCK and not gait.cycle.landed
-    present = [feature for feature in walker.features() if not (crawls and feature == "several contacts")]
-    present += [] if crawls or gait.system.control.restarts else ["a control law whose clock does not restart"]
-    present += [] if crawls or gait.problem.cycle_end == TOUCHDOWN else ["a cycle that ends without a landing"]
-    if crawls and any({*mode.touching} != {*walker.contacts} for mode in gait.cycle.phases):
-        present.append("contacts that leave the ground")
+    walker, name, end = gait.system.walker, gait.problem.name, gait.problem.cycle_end
+    present = [feature for feature in walker.features() if feature != "several contacts"]
+    present += [] if end == CLOCK or gait.system.control.restarts else ["a control law whose clock does not restart"]
+    present += [] if end == TOUCHDOWN or (end == CLOCK and walker.contacts) else ["a cycle that ends without a landing"]
     slips = any(step.final_impact.mode.slips for step in gait.steps)
     if present:
         raise ProblemError(f"{name}: {walker.model} has {' and '.join(present)}; the engines cannot model that")
-    if not has_links(walker) and not crawls:
+    if not has_links(walker) and not walker.contacts:
         raise ProblemError(f"{name}: {walker.model} declares no links; an engine needs them")
     if gait.system.friction.may_drop and _drops(gait):
         raise ProblemError(f"{name}: static friction above kinetic friction; the engines have one coefficient")
@@ -425,75 +458,103 @@ def largest_friction(gait: Gait) -> float:
 @building
 def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[np.intp]]:
     """``_tree`` of a walker with several contacts and no links; bodies that do not turn have slides, not angles."""
-    root = np.eye(2)
-    walker, eom = type(gait.problem.walker), gait.system.expressions.eom
+    walker, eom, name = type(gait.problem.walker), gait.system.expressions.eom, gait.problem.name
     mechanism, n, p = eom.mechanism, len(walker.shape), gait.dynamics.p[: len(walker.model_fields)]
-    bodies, name = mechanism.bodies, gait.problem.name
-    positions = [body.position for body in bodies] + [mechanism.contacts[foot].position for foot in walker.contacts]
-    masses = np.asarray(Function("m", [eom.p], [vertcat(*(SX(b.mass) for b in bodies))])(p)).ravel()
-    inertias = np.asarray(Function("i", [eom.p], [vertcat(*(SX(b.inertia) for b in bodies))])(p)).ravel()
+    swaps, n_bodies = bool(walker.landing_contacts), len(mechanism.bodies)
+    of_bodies = zip(*((body.mass, body.inertia) for body in mechanism.bodies), strict=True)
+    masses, inertias, gravity = (
+        np.asarray(Function("numbers", [eom.p], [vertcat(*map(SX, values))])(p)).ravel()
+        for values in (*of_bodies, vertsplit(mechanism.gravity))
+    )
+    positions = [body.position for body in mechanism.bodies] + [mechanism.contacts[c].position for c in walker.contacts]
+    base = len(positions)
+    positions += [eom.q[n:], *([mechanism.swing_foot] if swaps else [])]
     place = Function("points", [eom.q, eom.p], [horzcat(*positions)])
-    start = np.asarray(gait.state)[: n + 2]
-    order = [gait.system.state_names.index(key) for key in (*walker.shape, "x", "y")]
     random = np.random.default_rng(0)
-    poses = [start[order] + SPREAD * k * random.uniform(-1, 1, n + 2) for k in (0, 1, 1, 1)]
-    at = np.array([np.asarray(place(q, p)).T for q in poses])  # (poses, points, 2)
+    start = np.asarray(gait.state)[[gait.system.state_names.index(key) for key in (*walker.shape, "x", "y")]]
+    poses = [start + SPREAD * k * random.uniform(-1, 1, n + 2) for k in (0, 1, 1, 1)]
+
+    def points(postures: list[Array]) -> Array:
+        return np.array([np.asarray(place(q, p)).T for q in postures])  # (postures, points, 2)
+
+    at = points(poses)
     distances = np.linalg.norm(at[:, :, None] - at[:, None], axis=3)
-    together = np.abs(distances - distances[0]).max(axis=0) < RIGID * distances.max()
-    links = list[list[int]]()
-    for k in range(len(positions)):
-        link = [j for j in range(len(positions)) if together[k, j]]
-        rigid = [j for j in link if all(together[j, i] for i in link)]
-        if rigid == link and link not in links:
+    close = RIGID * distances.max()
+    first = (distances.max(axis=0) < close).argmax(axis=1)  # of the points that always coincide
+    together, links = np.ptp(distances, axis=0) < close, list[list[int]]()
+    for k in np.unique(first):
+        link = [int(j) for j in np.unique(first) if together[k, j]]
+        if together[np.ix_(link, link)].all() and link not in links:
             links.append(link)
-    base = next((k for k in range(len(positions)) if np.abs(at[:, k] - np.array(poses)[:, n:]).max() < RIGID), None)
-    hinges = [({*links[0]} & {*link}) for link in links]
-    used = {point for link in links for point in link}
-    turned = (np.ptp(at[:, link] - at[:, link[:1]], axis=0).max() for link in links)
-    slides = max(turned) < RIGID and not any(hinges[1:])
-    joined = slides or all(len(hinge) == 1 for hinge in hinges[1:])
-    if base not in links[0] or len(used) < len(positions) or not joined:
-        words = "form neither links with hinges at the first one nor bodies that do not turn; an engine needs that"
+    partner = first
+    if swaps:
+        relabelled = Function("relabelled", [eom.q, eom.p], [vertcat(mechanism.relabel, mechanism.swing_foot)])
+        after = points([np.asarray(relabelled(q, p)).ravel() for q in poses])
+        partner = first[np.linalg.norm(at[:, :, None] - after[:, None], axis=3).max(axis=0).argmin(axis=1)]
+    slides = all(np.ptp(at[:, link] - at[:, link[:1]], axis=0).max() < close for link in links)
+    root, centre = links[0], first[base]
+    if swaps:
+        meeting = [(link, {*link} & {*partner[link]}) for link in links]
+        root, centre = next(((link, min(ends)) for link, ends in meeting if ends), (root, centre))
+    placed, left = [(root, int(centre), -1)], [link for link in links if link is not root]
+    used = {*root}
+    while found := next((link for link in left if slides or len({*link} & used) == 1), None):
+        hinge = max(found) if slides else min({*found} & used)
+        parent = 0 if slides else next(k for k, (link, _, _) in enumerate(placed) if hinge in link)
+        placed.append((found, hinge, parent))
+        left.remove(found)
+        used |= {*found}
+    partners = [next((j for j, (other, *_) in enumerate(placed) if {*other} == {*partner[link]}), -1)
+                for link, *_ in placed] if swaps else [*range(len(placed))]  # fmt: skip
+    joined = not left and used == {*first} and placed[0][1] in root and -1 not in partners
+    if not joined or (swaps and any(partner[placed[k][1]] != placed[j][1] for k, j in enumerate(partners))):
+        words = "form neither links that are joined at hinges nor bodies that do not turn; an engine needs that"
         raise ProblemError(f"{name}: the bodies and contacts of a {walker.model} {words}")
-    centres = [base, *(max(link if slides else hinge) for link, hinge in zip(links[1:], hinges[1:], strict=True))]
-    moves, made, feet = list[SX](), list[Body](), dict[int, Foot]()
-    friction = gait.system.contact_coefficients(gait.dynamics.p)
-    for k, link in enumerate(links):
-        centre, turn = centres[k], 0.0
+    moves, made, feet, ends = list[SX](), list[Body](), dict[int, Foot](), list[tuple[int, float]]()
+    frames, within = list[Array](), list[dict[int, Array]]()
+    friction, largest = gait.system.contact_coefficients(gait.dynamics.p), largest_friction(gait)
+    for k, (link, centre, parent) in enumerate(placed):
+        turn = 0.0
         if slides:
             moves += [positions[centre] - positions[base]] if k else []
         else:
             far = link[int(np.argmax(distances[0, centre, link]))]
             sign = 1.0 if at[0, far, 1] > at[0, centre, 1] else -1.0
+            if partners[k] < k:  # the frame is that of its partner
+                far, sign = int(partner[ends[partners[k]][0]]), ends[partners[k]][1]
+            ends.append((far, sign))
             along = sign * (positions[far] - positions[centre])
             moves.append(atan2(along[0], along[1]))
             turn = float(np.arctan2(*(sign * (at[0, far] - at[0, centre]))))
-        frame = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        within = {j: frame @ (at[0, j] - at[0, centre]) for j in link}
-        own = [j for j in link if j < len(bodies) and not any(j in other for other in links[:k])]
-        mass = masses[own]
-        com = sum((m * within[j] for m, j in zip(mass, own, strict=True)), np.zeros(2)) / mass.sum()
-        inertia = sum(inertias[j] + masses[j] * ((within[j] - com) ** 2).sum() for j in own)
-        root = frame if k == 0 else root
-        position = ORIGIN if k == 0 or slides else _point(root @ (at[0, centre] - at[0, base]))
-        parent = -1 if k == 0 else 0
-        made.append(Body(f"link{k}", parent, position, float(mass.sum()), _point(com), float(inertia), 0.0))
-        for j in (j for j in link if j >= len(bodies)):
-            foot = walker.contacts[j - len(bodies)]
-            feet[j] = Foot(k, _point(within[j]), 0.0, float(friction[foot][0]) / largest_friction(gait))
-    stacked, origins = vertcat(*moves), vertcat(*(positions[centre] for centre in centres))
+        frames.append(np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]))
+        within.append({j: frames[k] @ (at[0, j] - at[0, centre]) for j in link})
+        own = [j for j in range(n_bodies) if first[j] in link and not any(first[j] in other for other in within[:k])]
+        com = sum((masses[j] * within[k][first[j]] for j in own), np.zeros(2)) / masses[own].sum()
+        inertia = sum(inertias[j] + masses[j] * ((within[k][first[j]] - com) ** 2).sum() for j in own)
+        position = ORIGIN if parent < 0 or slides else _point(within[parent][centre])
+        made.append(Body(f"link{k}", parent, position, float(masses[own].sum()), _point(com), float(inertia), 0.0))
+        for j, foot in enumerate(walker.contacts, start=n_bodies):
+            if first[j] in link and j not in feet:
+                feet[j] = Foot(k, _point(within[k][first[j]]), 0.0, float(friction[foot][0]) / largest)
+    stacked, origins = vertcat(*moves), vertcat(*(positions[centre] for _, centre, _ in placed))
     slopes = Function("slopes", [eom.q, eom.p], [jacobian(stacked, eom.q[:n]), stacked])
-    found = [[np.asarray(value) for value in slopes(q, p)] for q in poses]
-    A = found[0][0]
-    if any(np.abs(slope - A).max() > RIGID for slope, _ in found):
+    linear = [[np.asarray(value) for value in slopes(q, p)] for q in poses]
+    A = linear[0][0]
+    if any(np.abs(slope - A).max() > RIGID for slope, _ in linear):
         raise ProblemError(f"{name}: the motions of its links are no linear functions of the shape")
-    offset = found[0][1].ravel() - A @ poses[0][:n]
+    offset = linear[0][1].ravel() - A @ poses[0][:n]
     moved = [jtimes(value, eom.q, eom.dq) for value in (stacked, origins)]
-    gravity = np.asarray(Function("g", [eom.p], [mechanism.gravity])(p)).ravel()
-    contacts = tuple(feet[j] for j in sorted(feet))
-    tree = Tree(bodies=tuple(made), feet=contacts, gravity=_point(gravity), slides=slides)
+    carried = [next((k, _point(of[first[j]])) for k, of in enumerate(within) if first[j] in of)
+               for j in range(base, len(positions))]  # fmt: skip
+    tree = Tree(
+        bodies=tuple(made),
+        feet=tuple(feet[j] for j in sorted(feet)),
+        gravity=_point(gravity),
+        slides=slides,
+        bases=tuple(carried),
+    )
     poses_of_state = Function("poses", [eom.z, eom.p], [stacked, moved[0], origins, moved[1]])
-    return tree, poses_of_state, A, offset, np.arange(len(made))
+    return tree, poses_of_state, A, offset, np.array(partners)
 
 
 @building
@@ -514,14 +575,15 @@ def _forces(gait: Gait) -> tuple[Array, Function | None]:
 
 
 def _window(step: Step) -> tuple[float, float]:
-    """Times since the impact at which the swing foot is highest before it scuffs and highest afterwards."""
-    heights, times = list[float](), list[float]()
-    for arc in step.arcs:
-        fine = np.linspace(-1, 1, SAMPLES_PER_ARC)
-        states = np.asarray(chebyshev.chebval(fine, curves.coefficients(arc.states)).T, dtype=float)
-        moved = replace(arc, times=arc.start + (fine + 1) / 2 * arc.duration, states=states)
-        heights += observe(moved).swing_foot[:, 1].tolist()
-        times += moved.times.tolist()
+    """Times since the impact at which the lowest contact of the swing foot is highest before it scuffs, and after."""
+    heights, times, walker = list[float](), list[float](), step.arcs[0].dynamics.system.walker
+    swing = [k for k, name in enumerate(walker.landing_points()) if name in walker.step_ends()]
+    fine = np.linspace(-1, 1, SAMPLES_PER_ARC)
+    for arc in (arc for arc in step.arcs if not {*walker.step_ends()} & {*arc.mode.touching}):
+        points = buffered(arc.dynamics.system.contact_points)
+        states = chebyshev.chebval(fine, curves.coefficients(arc.states)).T
+        heights += [float(points(np.ascontiguousarray(z), arc.dynamics.p)[0][swing].min()) for z in states]
+        times += (arc.start + (fine + 1) / 2 * arc.duration).tolist()
     h, t = np.array(heights), np.array(times)
     inside = (t > STEP_END * step.period) & (t < (1 - STEP_END) * step.period)
     scuffs = np.flatnonzero(inside & (h <= 0))

@@ -12,6 +12,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.engines.plant import POINT_RADIUS, Body, Foot, Tree
 from gaitopt.errors import ProblemError
+from gaitopt.model.mechanism import ORIGIN
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "default": {"damping": 0.04, "engine": {}},
@@ -37,15 +38,13 @@ class Simulator:
     settings: ClassVar[Mapping[str, Mapping[str, Any]]] = SETTINGS
 
     def __init__(self, tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) -> None:
-        if tree.slides:
-            raise ProblemError("the adapter of PyBullet has no bodies that slide without turning")
         if any(body.rotor for body in tree.bodies):
             raise ProblemError("PyBullet has no inertia of rotors")
         import pybullet  # its import prints a line, which the process of the runs discards
         from pybullet_utils.bullet_client import BulletClient
 
         self._client = client = BulletClient(pybullet.DIRECT)
-        radius, n = settings.get("radius", POINT_RADIUS), len(tree.bodies)
+        radius = settings.get("radius", POINT_RADIUS)
         client.setGravity(tree.gravity[0], 0, tree.gravity[1])
         client.setPhysicsEngineParameter(fixedTimeStep=dt, numSubSteps=0, **settings["engine"])
         low = 0.0 if tree.feet[0].radius else -radius
@@ -58,8 +57,9 @@ class Simulator:
             self._walker = client.loadURDF(str(file), useFixedBase=True, flags=flags)
         client.changeDynamics(self._ground, -1, lateralFriction=1.0, restitution=0.0)
         names = {client.getJointInfo(self._walker, j)[1].decode(): j for j in range(client.getNumJoints(self._walker))}
-        self._joints = [names[f"joint{k}"] for k in range(2 + n)]
-        self._tree, self._feet = tree, [names[f"joint{2 + foot.body}"] for foot in tree.feet]
+        self._joints = [names[f"joint{k}"] for k in range(tree.n)]
+        last = [2 * k + 1 if tree.slides else 2 + k for k in range(len(tree.bodies))]
+        self._tree, self._feet = tree, [names[f"joint{last[foot.body]}"] for foot in tree.feet]
         damping = {"linearDamping": settings["damping"], "angularDamping": settings["damping"], "jointDamping": 0.0}
         for joint in range(-1, client.getNumJoints(self._walker)):
             client.changeDynamics(self._walker, joint, lateralFriction=friction, restitution=0.0, **damping)
@@ -94,16 +94,21 @@ class Simulator:
 
 
 def _urdf(tree: Tree, radius: float) -> str:
-    """The walker in URDF; two massless sliding joints connect its root to the ground."""
+    """The walker in URDF; a massless link lies between the two sliding joints of a body."""
     root = Element("robot", name="walker")
     _link(root, "base", None, ())
-    for k, (name, axis) in enumerate((("slide", "1 0 0"), ("lift", "0 0 1"))):
-        _link(root, name, None, ())
-        _joint(root, k, "prismatic", ("base", "slide")[k], name, (0.0, 0.0), axis)
     for k, body in enumerate(tree.bodies):
-        _link(root, f"body{k}", body, tuple(foot for foot in tree.feet if foot.body == k), radius)
-        parent = "lift" if body.parent < 0 else f"body{body.parent}"
-        _joint(root, 2 + k, "continuous", parent, f"body{k}", body.position, "0 1 0")
+        parent = "base" if body.parent < 0 else f"body{body.parent}"
+        slides, feet = tree.slides or body.parent < 0, tuple(foot for foot in tree.feet if foot.body == k)
+        axes = [("prismatic", "1 0 0"), ("prismatic", "0 0 1")] if slides else []
+        axes += [] if tree.slides else [("continuous", "0 1 0")]
+        first = 2 * k if tree.slides else 0 if body.parent < 0 else 2 + k
+        for j, (kind, axis) in enumerate(axes, start=first):
+            is_last = j == first + len(axes) - 1
+            child = f"body{k}" if is_last else f"across{j}"
+            _link(root, child, body if is_last else None, feet if is_last else (), radius)
+            _joint(root, j, kind, parent, child, body.position if j == first else ORIGIN, axis)
+            parent = child
     return tostring(root, encoding="unicode")
 
 

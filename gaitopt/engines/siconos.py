@@ -37,17 +37,15 @@ class Simulator:
     settings: ClassVar[Mapping[str, Mapping[str, Any]]] = SETTINGS
 
     def __init__(self, tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) -> None:
-        if tree.slides:
-            raise ProblemError("the adapter of Siconos has no bodies that slide without turning")
         slim = [body.name for body in tree.bodies if body.inertia < SLIMMEST * body.mass]
-        if slim:
+        if slim and not tree.slides:
             raise ProblemError(f"Siconos needs a moment of inertia, but {slim[0]} is a point mass")
         self._tree, self._dt, self._ahead, n = tree, dt, settings["ahead"], 3 * len(tree.bodies)
         self._radii = [foot.radius or settings.get("radius", 0.0) for foot in tree.feet]
-        self._joints = [k for k, body in enumerate(tree.bodies) if body.parent >= 0]
+        self._joints = [k for k, body in enumerate(tree.bodies) if body.parent >= 0 and not tree.slides]
         M = np.zeros((n, n))
         for k, body in enumerate(tree.bodies):
-            M[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += np.diag([body.mass, body.mass, body.inertia])
+            M[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += np.diag([body.mass, body.mass, body.inertia or body.mass])
             if body.parent >= 0:
                 turning = [3 * body.parent + 2, 3 * k + 2]
                 M[np.ix_(turning, turning)] += body.rotor * np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -82,18 +80,23 @@ class Simulator:
 
     def step(self, force: Array, touching: tuple[bool, ...]) -> tuple[Array, Array, Array]:
         """Advance by one time step under forces on the coordinates; see ``outcome.Simulator``."""
-        tree = self._tree
+        tree, per_body = self._tree, (force.reshape(-1, 2) if self._tree.slides else force[2:, None])
         self._force[:] = self._weight
-        for k, (body, torque) in enumerate(zip(tree.bodies, force[2:], strict=True)):
-            self._force[3 * k + 2] += torque
+        for k, (body, own) in enumerate(zip(tree.bodies, per_body, strict=True)):
+            first = 0 if tree.slides else 2
+            self._force[3 * k + first : 3 * k + first + own.size] += own
             if body.parent >= 0:
-                self._force[3 * body.parent + 2] -= torque
+                self._force[3 * body.parent + first : 3 * body.parent + first + own.size] -= own
         self._bodies.setFExtPtr(self._force)
         self._linearise(touching)
         self._simulation.computeOneStep()
         forces = np.array([contact.lambda_(1)[::-1] for contact in self._contacts]) / self._dt
         self._simulation.nextStep()
         q, v = (values().reshape(-1, 3).copy() for values in (self._bodies.q, self._bodies.velocity))
+        if tree.slides:
+            places = [q[:, :2] - [body.com for body in tree.bodies], v[:, :2]]
+            parents = [body.parent for body in tree.bodies]
+            return *((x - x[parents] * (np.array(parents) >= 0)[:, None]).ravel() for x in places), forces
         arm, turning = _turned(q[0, 2], tree.bodies[0].com)
         coordinates = np.concatenate([q[0, :2] - arm, tree.relative(q[:, 2])])
         rates = np.concatenate([v[0, :2] - turning * v[0, 2], tree.relative(v[:, 2])])
@@ -112,7 +115,7 @@ class Simulator:
                 arm = np.subtract(point, bodies[k].com)
                 gap += sign * (q[3 * k : 3 * k + 2] + _turned(q[3 * k + 2], arm)[0])
                 slopes[:, 3 * k : 3 * k + 2] += sign * np.eye(2)
-                slopes[:, 3 * k + 2] += sign * _turned(ahead[3 * k + 2], arm)[1]
+                slopes[:, 3 * k + 2] += (not self._tree.slides) * sign * _turned(ahead[3 * k + 2], arm)[1]
                 if foot >= 0:
                     R = self._radii[foot]  # a point foot with a radius touches lower ground
                     slopes[0, 3 * k + 2] -= R
