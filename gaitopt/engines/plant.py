@@ -9,10 +9,10 @@ The torques of the control law act on the absolute angles a of the bodies, with 
 
     A' tau = E u
 
-A walker with several contacts declares no links. Its bodies and contacts form a tree if they can be divided into
-rigid links that are joined at hinges, each of which is a point of both links, or into bodies that do not turn. Points
-belong to one link if their distances do not depend on the posture. If the feet swap roles, the partner of a point is
-the one that takes its place in the relabelled posture, and the root is a link that meets its partner in a hinge.
+The bodies and contacts of a walker that declares no links form a tree if they can be divided into rigid links that are
+joined at hinges, each of which is a point of both links, or into bodies that do not turn. Points belong to one link if
+their distances do not depend on the posture. If the feet swap roles, the partner of a point is the one that takes its
+place in the relabelled posture, and the root is a link that meets its partner in a hinge.
 
 The swing foot of a gait may pass through the ground (scuff), which the gait's guard ignores. The contacts that end a
 step by landing are therefore off between two times of the step: when the lowest of them is highest before it scuffs,
@@ -40,7 +40,7 @@ from gaitopt.model.declaration import has_links, parameter_namespace, state_mech
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import ORIGIN, Link
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN
 
 POINT_RADIUS = 1e-6
@@ -189,7 +189,7 @@ class Reference:
         self.gait, self.system = gait, gait.system
         self.contacts = self.system.walker.contacts
         self.clock = gait.problem.cycle_end == CLOCK
-        tree = _tree_of_points if self.contacts else _tree
+        tree = _tree if has_links(self.system.walker) else _tree_of_points
         self.tree, self._poses, slopes, self._offset, self._partners = tree(gait)
         self._inverse = np.linalg.pinv(slopes)
         self._effort, self._springs = _forces(gait)
@@ -362,8 +362,6 @@ def _refuse(gait: Gait) -> None:
     slips = any(step.final_impact.mode.slips for step in gait.steps)
     if present:
         raise ProblemError(f"{name}: {walker.model} has {' and '.join(present)}; the engines cannot model that")
-    if not has_links(walker) and not walker.contacts:
-        raise ProblemError(f"{name}: {walker.model} declares no links; an engine needs them")
     if gait.system.friction.may_drop and _drops(gait):
         raise ProblemError(f"{name}: static friction above kinetic friction; the engines have one coefficient")
     if any(float(viscous) for _, _, viscous in gait.system.contact_coefficients(gait.dynamics.p).values()):
@@ -457,25 +455,29 @@ def largest_friction(gait: Gait) -> float:
 
 @building
 def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[np.intp]]:
-    """``_tree`` of a walker with several contacts and no links; bodies that do not turn have slides, not angles."""
-    walker, eom, name = type(gait.problem.walker), gait.system.expressions.eom, gait.problem.name
-    mechanism, n, p = eom.mechanism, len(walker.shape), gait.dynamics.p[: len(walker.model_fields)]
-    swaps, n_bodies = bool(walker.landing_contacts), len(mechanism.bodies)
+    """``_tree`` of a walker without links; bodies that do not turn have slides, not angles."""
+    walker, name, states = type(gait.problem.walker), gait.problem.name, gait.system.state_names
+    n, p, names = len(walker.shape), gait.dynamics.p[: len(walker.model_fields)], (*walker.shape, "x", "y")
+    q, dq, fields = SX.sym("q", n + 2), SX.sym("dq", n + 2), SX.sym("p", p.size)
+    by_name = SimpleNamespace(**{key: q[k] for k, key in enumerate(names)})
+    mechanism = state_mechanism(walker, by_name, parameter_namespace(walker, fields))
+    swaps, n_bodies = bool(walker.step_ends()), len(mechanism.bodies)
     of_bodies = zip(*((body.mass, body.inertia) for body in mechanism.bodies), strict=True)
     masses, inertias, gravity = (
-        np.asarray(Function("numbers", [eom.p], [vertcat(*map(SX, values))])(p)).ravel()
+        np.asarray(Function("numbers", [fields], [vertcat(*map(SX, values))])(p)).ravel()
         for values in (*of_bodies, vertsplit(mechanism.gravity))
     )
-    positions = [body.position for body in mechanism.bodies] + [mechanism.contacts[c].position for c in walker.contacts]
-    base = len(positions)
-    positions += [eom.q[n:], *([mechanism.swing_foot] if swaps else [])]
-    place = Function("points", [eom.q, eom.p], [horzcat(*positions)])
+    bases = [q[n:], *([mechanism.swing_foot] if swaps else [])]
+    touching = [mechanism.contacts[name].position for name in walker.contacts] or bases
+    positions, base = [*(body.position for body in mechanism.bodies), *touching, *bases], n_bodies + len(touching)
+    place = Function("points", [q, fields], [horzcat(*positions)])
     random = np.random.default_rng(0)
-    start = np.asarray(gait.state)[[gait.system.state_names.index(key) for key in (*walker.shape, "x", "y")]]
+    state = {"y": 0.0, **dict(zip(states, gait.state.tolist(), strict=True))}
+    start = np.array([state[key] for key in names])
     poses = [start + SPREAD * k * random.uniform(-1, 1, n + 2) for k in (0, 1, 1, 1)]
 
     def points(postures: list[Array]) -> Array:
-        return np.array([np.asarray(place(q, p)).T for q in postures])  # (postures, points, 2)
+        return np.array([np.asarray(place(posture, p)).T for posture in postures])  # (postures, points, 2)
 
     at = points(poses)
     distances = np.linalg.norm(at[:, :, None] - at[:, None], axis=3)
@@ -488,8 +490,8 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
             links.append(link)
     partner = first
     if swaps:
-        relabelled = Function("relabelled", [eom.q, eom.p], [vertcat(mechanism.relabel, mechanism.swing_foot)])
-        after = points([np.asarray(relabelled(q, p)).ravel() for q in poses])
+        relabelled = Function("relabelled", [q, fields], [vertcat(mechanism.relabel, mechanism.swing_foot)])
+        after = points([np.asarray(relabelled(pose, p)).ravel() for pose in poses])
         partner = first[np.linalg.norm(at[:, :, None] - after[:, None], axis=3).max(axis=0).argmin(axis=1)]
     slides = all(np.ptp(at[:, link] - at[:, link[:1]], axis=0).max() < close for link in links)
     root, centre = links[0], first[base]
@@ -511,6 +513,7 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
         words = "form neither links that are joined at hinges nor bodies that do not turn; an engine needs that"
         raise ProblemError(f"{name}: the bodies and contacts of a {walker.model} {words}")
     moves, made, feet, ends = list[SX](), list[Body](), dict[int, Foot](), list[tuple[int, float]]()
+    spinning = np.zeros(n_bodies, dtype=int)
     frames, within = list[Array](), list[dict[int, Array]]()
     friction, largest = gait.system.contact_coefficients(gait.dynamics.p), largest_friction(gait)
     for k, (link, centre, parent) in enumerate(placed):
@@ -529,21 +532,30 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
         frames.append(np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]))
         within.append({j: frames[k] @ (at[0, j] - at[0, centre]) for j in link})
         own = [j for j in range(n_bodies) if first[j] in link and not any(first[j] in other for other in within[:k])]
+        spinning[own] = k
         com = sum((masses[j] * within[k][first[j]] for j in own), np.zeros(2)) / masses[own].sum()
         inertia = sum(inertias[j] + masses[j] * ((within[k][first[j]] - com) ** 2).sum() for j in own)
         position = ORIGIN if parent < 0 or slides else _point(within[parent][centre])
         made.append(Body(f"link{k}", parent, position, float(masses[own].sum()), _point(com), float(inertia), 0.0))
-        for j, foot in enumerate(walker.contacts, start=n_bodies):
+        for j, foot in enumerate(walker.contacts or (FOOT, FOOT), start=n_bodies):
             if first[j] in link and j not in feet:
                 feet[j] = Foot(k, _point(within[k][first[j]]), 0.0, float(friction[foot][0]) / largest)
     stacked, origins = vertcat(*moves), vertcat(*(positions[centre] for _, centre, _ in placed))
-    slopes = Function("slopes", [eom.q, eom.p], [jacobian(stacked, eom.q[:n]), stacked])
-    linear = [[np.asarray(value) for value in slopes(q, p)] for q in poses]
+    turns = vertcat(*(SX(body.angle) for body in mechanism.bodies))
+    slopes = Function("slopes", [q, fields], [jacobian(stacked, q[:n]), stacked, jacobian(turns, q[:n])])
+    linear = [[np.asarray(value) for value in slopes(pose, p)] for pose in poses]
     A = linear[0][0]
-    if any(np.abs(slope - A).max() > RIGID for slope, _ in linear):
+    if any(np.abs(slope - A).max() > RIGID for slope, *_ in linear):
         raise ProblemError(f"{name}: the motions of its links are no linear functions of the shape")
+    expected = np.zeros((len(placed), n)) if slides else A
+    if any(np.abs((spins - expected[spinning])[inertias > 0]).max(initial=0.0) > RIGID for *_, spins in linear):
+        raise ProblemError(f"{name}: a body of a {walker.model} does not turn with its link; an engine needs that")
     offset = linear[0][1].ravel() - A @ poses[0][:n]
-    moved = [jtimes(value, eom.q, eom.dq) for value in (stacked, origins)]
+    moved = [jtimes(value, q, dq) for value in (stacked, origins)]
+    z = vertcat(*(of[names.index(key)] for of in (q, dq) for key in states[: len(states) // 2]))
+    outputs = [stacked, moved[0], origins, moved[1]]
+    if walker.keeps_height():
+        outputs = substitute(outputs, [q[-1], dq[-1]], [SX(0), SX(0)])
     carried = [next((k, _point(of[first[j]])) for k, of in enumerate(within) if first[j] in of)
                for j in range(base, len(positions))]  # fmt: skip
     tree = Tree(
@@ -553,8 +565,7 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
         slides=slides,
         bases=tuple(carried),
     )
-    poses_of_state = Function("poses", [eom.z, eom.p], [stacked, moved[0], origins, moved[1]])
-    return tree, poses_of_state, A, offset, np.array(partners)
+    return tree, Function("poses", [z, fields], outputs), A, offset, np.array(partners)
 
 
 @building

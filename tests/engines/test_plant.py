@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from casadi import vertcat
 from samples import sampled
 
 import gaitopt as go
 from gaitopt.engines.plant import Reference
 from gaitopt.errors import ProblemError
 from gaitopt.gait.measures import observe
+from gaitopt.model.mechanism import Body, polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 
 NAMES = ("compass-passive-a", "compass-unequal", "torso-passive", "round-feet-passive", "compass-pd-impact-slip")
@@ -108,10 +110,41 @@ class Bare(CompassBiped):
         return super().mechanism(q, p)
 
 
-def test_a_walker_without_links_is_refused_by_name():
-    text = go.load_problem("compass-passive-stick").text.replace("compass_biped", Bare.model)
-    with pytest.raises(ProblemError, match="compass-passive-stick: bare_compass declares no links"):
-        Reference(go.solve(go.parse_problem(text, walkers=[Bare]), progress=False))
+class Spinning(Bare):
+    """A compass with a wheel at its hip, which turns like no leg."""
+
+    model = "spinning_compass"
+
+    @classmethod
+    def mechanism(cls, q, p):
+        """That of the compass, and the wheel."""
+        bare = super().mechanism(q, p)
+        hip = vertcat(q.x, q.y) + polar(p.leg_length, q.theta1)
+        wheel = Body(mass=0.1, position=hip, inertia=0.001, angle=q.theta1 - q.theta2)
+        return replace(bare, bodies=(*bare.bodies, wheel))
+
+
+def variant(cls):
+    """The sticking compass as a walker of another class."""
+    text = go.load_problem("compass-passive-stick").text.replace("compass_biped", cls.model)
+    return go.solve(go.parse_problem(text, walkers=[cls]), progress=False)
+
+
+def test_a_walker_without_links_is_the_tree_of_its_rigid_parts():
+    bare, linked = Reference(variant(Bare)), Reference(go.solve("compass-passive-stick", progress=False))
+    assert bare.windows == linked.windows
+    for t in (0.1, 0.7, 0.8):
+        (q, v), (own_q, own_v), (step, local) = linked.coordinates(t), bare.coordinates(t), bare.step_at(t)
+        assert bare.energy(step, own_q, own_v) == pytest.approx(linked.energy(step, q, v), abs=1e-9)
+        for foot in range(2):
+            for own, other in zip(bare.tree.foot(foot, own_q, own_v), linked.tree.foot(foot, q, v), strict=True):
+                assert own == pytest.approx(other, abs=1e-9)
+        assert bare.touching(step, local) == linked.touching(step, local)
+
+
+def test_a_body_that_does_not_turn_with_a_link_is_refused():
+    with pytest.raises(ProblemError, match="a body of a spinning_compass does not turn with its link"):
+        Reference(variant(Spinning))
 
 
 def test_the_wheel_turns_by_a_spoke_where_its_next_foot_stands():
