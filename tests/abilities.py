@@ -447,6 +447,7 @@ NARROW = (
 )
 SOFT = "limit of MuJoCo: its joint limits are soft constraints, and this stop is an inelastic impact"
 MASSLESS = "limit of MuJoCo: it integrates accelerations F/m, which a massless foot does not have"
+CONVEX = "limit of MuJoCo: its contact law is convex, so that a contact that slips hops at every time step"
 ONE_COEFFICIENT = "limit of MuJoCo: friction of a contact is dry and has one coefficient"
 OWN_COORDINATES = (
     "massless contacts have coordinates of their own, whose forces do not follow from accelerations, so that the "
@@ -468,12 +469,11 @@ REASONS: Mapping[tuple[str, str], str] = {
         "push-off",
         "replay",
     ): "limit of MuJoCo: forces act over time steps, and this push-off is an impulse at one instant",
-    ("several contacts that swap", "replay"): "limit of the adapter for MuJoCo: its models have one point per foot",
+    ("several contacts with a clock", "replay"): CONVEX,
     ("a section at a margin", "replay"): MASSLESS,
     ("static and kinetic friction", "replay"): ONE_COEFFICIENT,
     ("viscous drag", "replay"): ONE_COEFFICIENT,
     ("frictionless impact", "replay"): "limit of MuJoCo: its impacts have the friction of its contacts",
-    ("an own walker", "replay"): "limit of MuJoCo: a model is a tree of links, which this class does not declare",
 }
 """Why a cell does not apply, by row and column."""
 

@@ -974,8 +974,8 @@ def replay(
     UnknownNameError
         If there is no such engine or setting, or the engine is not installed.
     ProblemError
-        If a time step is not positive, or the engine has no law for the walker: it has static
-        friction above kinetic friction, flight, joint stops, a slipping impact without friction, ...
+        If a time step is not positive, or the engine has no law for the walker: it has static friction above kinetic
+        friction, flight, joint stops, a slipping impact without friction, ...
     SolveError
         If the solve fails.
     StorageError

@@ -480,14 +480,9 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
         return np.array([np.asarray(place(posture, p)).T for posture in postures])  # (postures, points, 2)
 
     at = points(poses)
-    distances = np.linalg.norm(at[:, :, None] - at[:, None], axis=3)
+    first, links = _rigid_links(at)
+    distances = np.linalg.norm(at[0, :, None] - at[0], axis=2)
     close = RIGID * distances.max()
-    first = (distances.max(axis=0) < close).argmax(axis=1)  # of the points that always coincide
-    together, links = np.ptp(distances, axis=0) < close, list[list[int]]()
-    for k in np.unique(first):
-        link = [int(j) for j in np.unique(first) if together[k, j]]
-        if together[np.ix_(link, link)].all() and link not in links:
-            links.append(link)
     partner = first
     if swaps:
         relabelled = Function("relabelled", [q, fields], [vertcat(mechanism.relabel, mechanism.swing_foot)])
@@ -514,14 +509,14 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
         raise ProblemError(f"{name}: the bodies and contacts of a {walker.model} {words}")
     moves, made, feet, ends = list[SX](), list[Body](), dict[int, Foot](), list[tuple[int, float]]()
     spinning = np.zeros(n_bodies, dtype=int)
-    frames, within = list[Array](), list[dict[int, Array]]()
+    within = list[dict[int, Array]]()
     friction, largest = gait.system.contact_coefficients(gait.dynamics.p), largest_friction(gait)
     for k, (link, centre, parent) in enumerate(placed):
         turn = 0.0
         if slides:
             moves += [positions[centre] - positions[base]] if k else []
         else:
-            far = link[int(np.argmax(distances[0, centre, link]))]
+            far = link[int(np.argmax(distances[centre, link]))]
             sign = 1.0 if at[0, far, 1] > at[0, centre, 1] else -1.0
             if partners[k] < k:  # the frame is that of its partner
                 far, sign = int(partner[ends[partners[k]][0]]), ends[partners[k]][1]
@@ -529,9 +524,11 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
             along = sign * (positions[far] - positions[centre])
             moves.append(atan2(along[0], along[1]))
             turn = float(np.arctan2(*(sign * (at[0, far] - at[0, centre]))))
-        frames.append(np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]))
-        within.append({j: frames[k] @ (at[0, j] - at[0, centre]) for j in link})
+        frame = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        within.append({j: frame @ (at[0, j] - at[0, centre]) for j in link})
         own = [j for j in range(n_bodies) if first[j] in link and not any(first[j] in other for other in within[:k])]
+        if not masses[own].sum() > 0:
+            raise ProblemError(f"{name}: a link of a {walker.model} has no mass; an engine needs one")
         spinning[own] = k
         com = sum((masses[j] * within[k][first[j]] for j in own), np.zeros(2)) / masses[own].sum()
         inertia = sum(inertias[j] + masses[j] * ((within[k][first[j]] - com) ** 2).sum() for j in own)
@@ -566,6 +563,24 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
         bases=tuple(carried),
     )
     return tree, Function("poses", [z, fields], outputs), A, offset, np.array(partners)
+
+
+def _rigid_links(at: Array) -> tuple[NDArray[np.intp], list[list[int]]]:
+    """The first of all points with which each one always coincides, and the sets of those whose distances are fixed.
+
+    Parameters
+    ----------
+    at : points in postures, shape (postures, points, 2).
+    """
+    distances = np.linalg.norm(at[:, :, None] - at[:, None], axis=3)
+    close, links = RIGID * distances.max(), list[list[int]]()
+    first = (distances.max(axis=0) < close).argmax(axis=1)
+    together = np.ptp(distances, axis=0) < close
+    for k in np.unique(first):
+        link = [int(j) for j in np.unique(first) if together[k, j]]
+        if together[np.ix_(link, link)].all() and link not in links:
+            links.append(link)
+    return first, links
 
 
 @building
