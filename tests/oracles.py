@@ -7,6 +7,7 @@ stance foot and impulses of the swing foot follow by the formulas of Gamus & Or 
 """
 
 import importlib.util
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from gaitopt import Mode, Walker
 from gaitopt.model.control import NoControl
@@ -165,6 +167,24 @@ def wheel_oracle(spokes: int, radius: float, mass: float, inertia_ratio: float, 
         gravity=slope_gravity(gravity, slope),
         hip=hub,
     )
+
+
+def wheel_friction(alpha: float) -> float:
+    """Least friction that keeps the rimless wheel of the paper from slipping between impacts, eqs (15), (17), (18)."""
+    kappa, sigma = 1 / 3, 2 * math.pi / 10
+    decrease, first, last = ((kappa + math.cos(sigma)) / (kappa + 1)) ** 2, -sigma / 2, sigma / 2
+    gain = 2 / (kappa + 1) * (math.cos(first + alpha) - math.cos(last + alpha))
+    start = decrease * gain / (1 - decrease)
+
+    def ratio(theta: float) -> float:
+        square = start + 2 / (kappa + 1) * (math.cos(first + alpha) - math.cos(theta + alpha))
+        acceleration = math.sin(theta + alpha) / (kappa + 1)
+        f_t = acceleration * math.cos(theta) - square * math.sin(theta) - math.sin(alpha)
+        f_n = -acceleration * math.sin(theta) - square * math.cos(theta) + math.cos(alpha)
+        return abs(f_t) / f_n
+
+    found = minimize_scalar(lambda theta: -ratio(theta), bounds=(first, last), method="bounded")
+    return max(ratio(first), ratio(last), -found.fun)
 
 
 def compass_oracle(

@@ -103,13 +103,6 @@ def test_with_less_energy_a_flight_between_the_stances_becomes_an_overlap(tmp_pa
 
 
 @pytest.mark.slow
-def test_a_conservative_runner_loses_its_flight_at_a_steep_angle_of_attack() -> None:
-    branch = family("run", "walker.attack", 1.25)
-    assert {special.type for special in branch.specials} >= {"period_doubling", "end"}
-    assert "vanishes" in branch.specials[-1].reason
-
-
-@pytest.mark.slow
 def test_with_less_friction_the_heel_of_a_flat_foot_slips_in_its_strike() -> None:
     branch = continuation(named("flat-foot"), "friction", to=1.15)
     change, end = branch.specials

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
-from math import cos, pi, radians, tan
+from math import radians, tan
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
+from oracles import wheel_friction
 from simulated_family import SimulatedFamily
 
 import gaitopt as go
@@ -188,29 +188,9 @@ def test_fold_is_where_a_simulated_multiplier_is_one() -> None:
     assert special.value == pytest.approx(0.426564546887, rel=0, abs=AGREEMENT)
 
 
-def wheel_friction() -> float:
-    """Least friction that keeps the rimless wheel of the paper from slipping between impacts, eqs (15), (17), (18)."""
-    n, kappa, alpha = 10, 1 / 3, radians(13)
-    sigma, decrease = 2 * pi / n, ((kappa + cos(2 * pi / n)) / (kappa + 1)) ** 2
-    # Rate of the stance leg, theta from the normal: (kappa + 1) theta'^2 / 2 + g/l cos(theta - ...) is conserved.
-    first, last = -sigma / 2, sigma / 2
-    gain = 2 / (kappa + 1) * (cos(first + alpha) - cos(last + alpha))
-    start = decrease * gain / (1 - decrease)
-
-    def ratio(theta: float) -> float:
-        square = start + 2 / (kappa + 1) * (cos(first + alpha) - cos(theta + alpha))
-        acceleration = np.sin(theta + alpha) / (kappa + 1)
-        f_t = acceleration * cos(theta) - square * np.sin(theta) - np.sin(alpha)
-        f_n = -acceleration * np.sin(theta) - square * cos(theta) + cos(alpha)
-        return abs(f_t) / f_n
-
-    found = minimize_scalar(lambda theta: -ratio(theta), bounds=(first, last), method="bounded")
-    return max(ratio(first), ratio(last), -found.fun)
-
-
 def test_wheel_begins_to_slip_at_the_friction_of_the_closed_form() -> None:
     special = only(family("rimless-wheel-stick", "friction", 0.92, 0.91), "mode_change", 0.9141)
-    assert special.value == pytest.approx(wheel_friction(), rel=0, abs=AGREEMENT)
+    assert special.value == pytest.approx(wheel_friction(radians(13)), rel=0, abs=AGREEMENT)
 
 
 def test_wheel_has_no_gait_where_friction_is_below_the_slope() -> None:

@@ -9,7 +9,8 @@ from math import cos, pi, radians, sin, sqrt
 import numpy as np
 import pytest
 from named import named
-from scipy.optimize import brentq, minimize_scalar
+from oracles import wheel_friction
+from scipy.optimize import brentq
 
 import gaitopt as go
 from gaitopt import Cycle, continuation, load_run, trace
@@ -99,24 +100,6 @@ def test_monitors_have_the_values_of_those_of_a_branch():
 
 
 # ---- closed forms
-
-
-def wheel_friction(alpha):
-    """Least friction that keeps the rimless wheel of the paper from slipping between impacts, eqs (15), (17), (18)."""
-    kappa, sigma = 1 / 3, 2 * pi / 10
-    decrease, first, last = ((kappa + cos(sigma)) / (kappa + 1)) ** 2, -sigma / 2, sigma / 2
-    gain = 2 / (kappa + 1) * (cos(first + alpha) - cos(last + alpha))
-    start = decrease * gain / (1 - decrease)
-
-    def ratio(theta):
-        square = start + 2 / (kappa + 1) * (cos(first + alpha) - cos(theta + alpha))
-        acceleration = sin(theta + alpha) / (kappa + 1)
-        f_t = acceleration * cos(theta) - square * sin(theta) - sin(alpha)
-        f_n = -acceleration * sin(theta) - square * cos(theta) + cos(alpha)
-        return abs(f_t) / f_n
-
-    found = minimize_scalar(lambda theta: -ratio(theta), bounds=(first, last), method="bounded")
-    return max(ratio(first), ratio(last), -found.fun)
 
 
 @pytest.mark.slow

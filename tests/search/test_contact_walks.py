@@ -20,15 +20,6 @@ RUN = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["slip-walk-stable", "run"])
-def test_open_modes_lead_to_the_gait_whose_modes_are_stated(name: str) -> None:
-    found, gait = solve(contact_problem(name).replace({"gait.phases": "auto"})), contact_gait(name)
-    assert found.cycle == gait.cycle
-    assert found.state[4] == pytest.approx(gait.state[4], abs=1e-10)
-    assert found.multipliers == pytest.approx(gait.multipliers, abs=1e-9)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_springy_legs_walk_in_two_gaits_of_one_mode_sequence(seed: int) -> None:
     """Geyer, Seyfarth and Blickhan (2006): one of them is stable."""
@@ -106,11 +97,3 @@ def test_a_gait_follows_the_contacts_of_its_walker_when_they_move(changed, perio
     assert go.explain(problem, progress=False).exists
     moved = problem.replace({"gait.guess.state.dtheta1": 1.2})
     assert moved.followed_from is None
-
-
-@pytest.mark.slow
-def test_a_search_finds_the_gait_to_which_the_family_leads() -> None:
-    problem = contact_problem("heel-toe").replace({"walker.toe": 0.2, "walker.heel": 0.06})
-    gait, plan = solve(problem), SearchPlan(problem=problem.replace({"gait.phases": "auto"}))
-    found = search(plan, ResumableJobs(workers=Workers(count=1)))
-    assert [other.multipliers for other in found] == [pytest.approx(gait.multipliers, abs=1e-8)]

@@ -305,12 +305,6 @@ def test_the_passive_compass_has_exactly_gaits_a_and_b():
 
 
 @pytest.mark.slow
-def test_the_torque_driven_compass_has_gait_i_and_an_unstable_one():
-    gaits = find(open_problem("compass-torque-slip"))
-    assert cycles(gaits) == [SEQUENCE_A, SEQUENCE_B]
-
-
-@pytest.mark.slow
 def test_on_a_steep_slope_there_is_a_gait_of_two_steps():
     overrides = {"friction": 0.6, "walker.slope": "5.4deg", "gait.steps": 2}
     gaits = find(open_problem("compass-passive-stick", overrides))

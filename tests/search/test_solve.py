@@ -111,11 +111,6 @@ def test_a_long_step_to_another_solution_of_the_equations_is_no_end_of_the_famil
     assert gait.phases[0][1] == pytest.approx(0.08359469, abs=1e-8)
 
 
-def test_following_arrives_at_the_only_gait():
-    problem = load_problem("rimless-wheel-stick").replace({"walker.slope": "12deg"})
-    assert solve(problem).state == pytest.approx(solve(problem.from_guess()).state, abs=1e-10)
-
-
 def test_the_result_does_not_depend_on_what_was_solved_before():
     problem = load_problem("compass-passive-a").replace({"friction": 0.13})
     first = solve(problem)

@@ -5,6 +5,7 @@ foot at a time, or with itself: seen from the other side, in other units, with i
 another contact that is never near the ground, or from its other leg on.
 """
 
+import json
 import re
 from dataclasses import dataclass
 from functools import cache
@@ -34,6 +35,7 @@ import gaitopt as go
 from gaitopt import Gait, Walker
 from gaitopt.errors import ProblemError
 from gaitopt.model.walkers.slip_walker import SlipWalker
+from gaitopt.problem.statement import problem_data
 
 
 @dataclass(frozen=True)
@@ -56,76 +58,28 @@ def solved(walker: type[Walker], text: str) -> Gait:
     return gait
 
 
-COMPASS = """
-name: named
-walker: {model: named_compass, leg_length: 1.6, leg_mass: 4, leg_com: 0.8, hip_mass: 2, gravity: 9.8, slope: 1 deg}
-friction: {foot_1: 0.14, foot_2: 0.1402}
-gait:
-  steps:
-    - {phases: [{foot_1: slip_forward}, {foot_1: stick}, {foot_1: slip_backward}], impact: {foot_1: stick}}
-    - {phases: [{foot_1: slip_forward}, {foot_1: stick}, {foot_1: slip_backward}], impact: {foot_1: stick}}
-  guess:
-    state: {theta1: -0.149, theta2: -0.149, dtheta1: 0.733, dtheta2: -0.501}
-"""
-UNEQUAL = """
-name: named
-walker: {model: named_unequal, leg_length: 1.6, leg_mass: 4.0, leg_com: 0.8, other_leg_mass: 4.4, other_leg_com: 0.8,
-  hip_mass: 2, gravity: 9.8, slope: 1 deg}
-friction: 0.25
-gait:
-  steps: [{phases: [{foot_1: stick}], impact: {foot_1: stick}}, {phases: [{foot_1: stick}], impact: {foot_1: stick}}]
-  guess:
-    state: {theta1: -0.149, theta2: -0.149, dtheta1: 0.733, dtheta2: -0.501}
-"""
-PUSH = """
-name: named
-walker: {model: named_push, leg_length: 1.0, leg_mass: 5, leg_com: 0.5, hip_mass: 10, push: 4, gravity: 9.81, slope: 0}
-friction: 0.5
-gait:
-  phases: [{foot_1: stick}]
-  impact: {foot_1: stick}
-  guess:
-    state: {theta1: -0.2, theta2: -0.2, dtheta1: 0.9, dtheta2: -0.2}
-"""
-ROUND = """
-name: named
-walker: {model: named_round, leg_length: 1, foot_radius: 0.2, leg_mass: 0.5, leg_com: 0.5, leg_inertia: 0.02,
-  hip_mass: 1, gravity: 1, slope: 0.01}
-friction: 0.3
-gait:
-  phases: [{foot_1: stick}]
-  impact: {foot_1: stick}
-  guess:
-    state: {theta1: -0.19, theta2: -0.19, dtheta1: 0.21, dtheta2: -0.02}
-"""
-KNEED = """
-name: named
-walker: {model: named_kneed, thigh_length: 0.5, thigh_mass: 0.5, thigh_com: 0.175, shank_length: 0.5, shank_mass: 0.05,
-  shank_com: 0.375, hip_mass: 0.5, gravity: 9.8, slope: 0.05036851690374748}
-friction: 1.0
-gait:
-  phases: [{mode: {foot_1: stick}, knee: free}, {mode: {foot_1: stick}, knee: locked}]
-  impact: {foot_1: stick}
-  guess:
-    state: {theta1: -0.24, theta2: -0.24, theta3: -0.24, dtheta1: 1.1, dtheta2: -0.05}
-"""
-KNEED_PUSH = KNEED.replace("named_kneed,", "kneed_push, push: 0.05,").replace(
-    "slope: 0.05036851690374748", "slope: 0.04"
-)
-HOPPER = """
-name: named
-walker: {model: named_hopper, leg_length: 1.0, body_mass: 8.0, foot_mass: 2.0, stiffness: 4000.0, thrust: 200.0,
-  gravity: 9.81}
-friction: 0.5
-gait:
-  phases:
-    - {mode: {toe: stick}, leg: free, thrust: off}
-    - {mode: {toe: stick}, leg: free, thrust: on}
-    - {mode: {}, leg: locked, thrust: on}
-  impact: {toe: stick}
-  guess:
-    state: {dshortening: 3.0}
-"""
+def with_named_contacts(twin: str, model: str, foot: str = "foot_1", steps: int = 1, **changes: object) -> str:
+    """The text of a named problem of a walker on one foot at a time, for a walker whose contact there has a name."""
+    data = {**problem_data(go.load_problem(twin)), **changes}
+    data["walker"] |= {"model": model}
+    state = data["gait"]["guess"]["state"]
+    del state["x"]
+    if "theta1" in state:  # all legs are in line when a foot lands
+        state |= dict.fromkeys(("theta2", "theta3")[: 2 if "kneed" in twin else 1], state["theta1"])
+    if steps > 1:
+        step = {key: data["gait"].pop(key) for key in ("phases", "impact")}
+        data["gait"]["steps"] = [step] * steps
+    return re.sub(r'"(stick|slip_\w+)"', rf'{{"{foot}": "\1"}}', json.dumps(data)).replace('"flight"', "{}")
+
+
+UNLIKE = {"foot_1": 0.14, "foot_2": 0.1402}
+COMPASS = with_named_contacts("compass-passive-a", "named_compass", steps=2, friction=UNLIKE)
+UNEQUAL = with_named_contacts("compass-unequal", "named_unequal")
+PUSH = with_named_contacts("compass-push-off", "named_push")
+ROUND = with_named_contacts("round-feet-passive", "named_round")
+KNEED = with_named_contacts("kneed-passive", "named_kneed")
+KNEED_PUSH = KNEED.replace('"named_kneed"', '"kneed_push", "push": 0.05').replace("0.05036851690374748", "0.04")
+HOPPER = with_named_contacts("hopper", "named_hopper", "toe")
 POGO = """
 name: pogo
 walker: {model: pogo, leg_length: 1.0, body_mass: 8.0, slider_mass: 2.0, leg_stiffness: 4000, slider_stiffness: 1250,
@@ -326,7 +280,7 @@ def test_a_foot_that_comes_down_before_the_knee_locks_scuffs() -> None:
 
 
 def test_contacts_that_swap_have_one_friction_in_a_cycle_of_one_step() -> None:
-    one_step = re.sub(r"    - .*\n(?=    - )", "", COMPASS)
+    one_step = with_named_contacts("compass-passive-a", "named_compass", friction=UNLIKE)
     words = (
         "friction.foot_1: differs from that of foot_2, with which it swaps places after every step: give both the same"
     )
@@ -339,7 +293,7 @@ def test_contacts_that_swap_have_one_friction_in_a_cycle_of_one_step() -> None:
 
 
 def test_contacts_that_swap_have_friction_of_one_form() -> None:
-    text = COMPASS.replace("foot_2: 0.1402", "foot_2: {static: 0.2, kinetic: 0.14}")
+    text = COMPASS.replace("0.1402", '{"static": 0.2, "kinetic": 0.14}')
     with pytest.raises(ProblemError, match="give both one number, or both static and kinetic friction"):
         go.parse_problem(text, walkers=[NamedCompass])
 
@@ -351,27 +305,16 @@ def test_legs_that_close_through_a_stop_say_so() -> None:
 
     with pytest.raises(ProblemError, match=r"masses jump .* while knee is locked, name it in closing_stops"):
         go.parse_problem(KNEED.replace("named_kneed", "silent"), walkers=[Silent])
-    early = KNEED.replace(", {mode: {foot_1: stick}, knee: locked}]", "]")
+    early = KNEED.replace(', {"mode": {"foot_1": "stick"}, "knee": "locked"}]', "]")
     with pytest.raises(ProblemError, match="knee must lock before the foot comes down"):
         go.parse_problem(early, walkers=[NamedKneed])
 
 
-FRICTIONLESS = """
-name: named-compass
-walker: {model: named_compass, leg_length: 1.6, leg_mass: 4, leg_com: 0.8, hip_mass: 2, gravity: 9.8, slope: 1 deg}
-friction: 0.14
-impact_law: frictionless
-gait:
-  phases: [{foot_1: slip_forward}, {foot_1: stick}]
-  impact: {foot_1: slip_forward}
-  guess:
-    state: {theta1: -0.079, theta2: -0.079, dtheta1: 0.044, dtheta2: -0.432, dx: 0.634}
-"""
-
-
 def test_a_frictionless_impact_of_a_named_contact_is_that_of_a_foot():
-    named = go.solve(go.parse_problem(FRICTIONLESS, walkers=[NamedCompass]))
-    one_foot = go.solve(go.load_problem("compass-passive-b").replace({"impact_law": "frictionless"}))
+    law = {"impact_law": "frictionless"}
+    text = with_named_contacts("compass-passive-b", "named_compass", **law)
+    named = go.solve(go.parse_problem(text, walkers=[NamedCompass]))
+    one_foot = go.solve(go.load_problem("compass-passive-b").replace(law))
     assert named.status == one_foot.status == "converged"
     assert named.period == pytest.approx(one_foot.period, rel=1e-11)
     assert go.verify(named).passed
@@ -380,11 +323,10 @@ def test_a_frictionless_impact_of_a_named_contact_is_that_of_a_foot():
 
 
 def test_drag_of_named_contacts_is_that_of_a_foot():
-    law = "{static: 0.16, kinetic: 0.14, viscous: 0.3}"
-    text = FRICTIONLESS.replace("friction: 0.14", f"friction: {law}").replace("impact_law: frictionless\n", "")
+    law = {"friction": {"static": 0.16, "kinetic": 0.14, "viscous": 0.3}}
+    text = with_named_contacts("compass-passive-b", "named_compass", **law)
     named = go.solve(go.parse_problem(text, walkers=[NamedCompass]))
-    changes = {"friction": {"static": 0.16, "kinetic": 0.14, "viscous": 0.3}}
-    one_foot = go.solve(go.load_problem("compass-passive-b").replace(changes))
+    one_foot = go.solve(go.load_problem("compass-passive-b").replace(law))
     assert named.status == one_foot.status == "converged", (named.message, one_foot.message)
     assert named.period == pytest.approx(one_foot.period, rel=1e-11)
     assert go.verify(named).passed
