@@ -130,10 +130,7 @@ def frame(half: float, height: float, *, slope: float = 0.0, inertia: float | No
     below = Link(-height, 0)
     feet = {name: Point((below, Link(side * half, 0, offset=pi / 2))) for name, side in (("left", -1), ("right", 1))}
     oracle = Oracle(
-        masses=(Mass(1.0, Point(()), inertia),),
-        swing_foot=Point(()),
-        gravity=slope_gravity(9.81, slope),
-        hip=Point(()),
+        masses=(Mass(1.0, Point(()), inertia),), swing_foot=Point(()), gravity=slope_gravity(9.81, slope), hip=Point(())
     )
     return ContactCase(walker, oracle, feet)
 

@@ -127,11 +127,7 @@ STABILITY = [
         marks=SLOW,
     ),
     pytest.param(
-        family("compass-torque-slip", "friction", 0.07, 0.062),
-        "period_doubling",
-        doubles,
-        0.067884440242,
-        marks=SLOW,
+        family("compass-torque-slip", "friction", 0.07, 0.062), "period_doubling", doubles, 0.067884440242, marks=SLOW
     ),
 ]
 

@@ -30,8 +30,7 @@ def test_stride_is_the_distance_of_the_feet_whether_they_slip_or_not() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "to", "place"),
-    [("compass-torque-efficient", -0.3, None), ("compass-torque-stick", -0.5, -0.07424413041)],
+    ("name", "to", "place"), [("compass-torque-efficient", -0.3, None), ("compass-torque-stick", -0.5, -0.07424413041)]
 )
 def test_family_in_the_ankle_torque_vanishes(name: str, to: float, place: float | None) -> None:
     gait = go.solve(go.load_problem(name))

@@ -341,10 +341,7 @@ def walked(name, done=()):
 
 @pytest.mark.parametrize(
     ("name", "after"),
-    [
-        ("doubling", 3),
-        *(pytest.param(name, after, marks=pytest.mark.slow) for name in WALKS for after in (1, 8, -3)),
-    ],
+    [("doubling", 3), *(pytest.param(name, after, marks=pytest.mark.slow) for name in WALKS for after in (1, 8, -3))],
 )
 def test_a_trace_that_was_killed_goes_on_to_the_last_bit(name, after):
     whole = list(walked(name))

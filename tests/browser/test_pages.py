@@ -9,14 +9,7 @@ from pictured import TORSO, atlas, branch, gait
 from gaitopt import Floor, simulate
 from gaitopt.show.film import FilmContactRecord, FilmPhaseRecord, FilmRecord
 from gaitopt.show.motion import motion_of
-from gaitopt.show.pages import (
-    animation_page,
-    atlas_report,
-    branch_report,
-    comparison_report,
-    walk_report,
-    walks_page,
-)
+from gaitopt.show.pages import animation_page, atlas_report, branch_report, comparison_report, walk_report, walks_page
 
 FORCE = ".walker .force"
 UNROLLED = "return { ...film, phases, columns };"

@@ -16,10 +16,7 @@ from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import load_problem, parse_problem
 from gaitopt.systems import build_system
 
-FREE_TORQUES = {
-    "control.ankle": {"free": [-5, 5], "guess": 1.0},
-    "control.hip": {"free": [-5, 5], "guess": 0.27},
-}
+FREE_TORQUES = {"control.ankle": {"free": [-5, 5], "guess": 1.0}, "control.hip": {"free": [-5, 5], "guess": 0.27}}
 
 
 def sticking(asked, **changes):

@@ -215,11 +215,7 @@ def test_no_feasible_neighbour_of_an_optimum_is_better(stable_slip):
 def test_a_point_beside_the_optimum_has_a_better_neighbour(stable_slip):
     beside = load_problem("compass-torque-stable-slip").replace({"constraints.spectral_radius": {"max": 0.499}})
     gait = solve(beside)
-    searched = neighbourhood(
-        replace(gait, problem=stable_slip.problem),
-        directions=5,
-        radii=(1e-3,),
-    )
+    searched = neighbourhood(replace(gait, problem=stable_slip.problem), directions=5, radii=(1e-3,))
     assert not searched.optimal
 
 

@@ -69,10 +69,7 @@ REFUSED = [
         altered("right_at_touchdown_only", lambda m, q, p: {"relabel": vertcat(-q.theta1, -q.theta2)}),
         "or does not move so",
     ),
-    (
-        altered("forgetful", lambda m, q, p: {"relabel": vertcat(-q.theta2, -q.theta2)}),
-        "relabel cannot be inverted",
-    ),
+    (altered("forgetful", lambda m, q, p: {"relabel": vertcat(-q.theta2, -q.theta2)}), "relabel cannot be inverted"),
     (
         starting("wrong_start", lambda free: (free.theta1, -free.theta1)),
         "after_impact and touchdown contradict each other: a step would begin in the posture theta1 = ",

@@ -4,17 +4,7 @@ import numpy as np
 import pytest
 from combined_walkers import FEET, NamedCompass, NamedUnequal
 from contact_walkers import passive
-from oracles import (
-    CASES,
-    COMPASS,
-    FRICTION,
-    SLIPS,
-    WHEEL,
-    Case,
-    compass_oracle,
-    directional,
-    numbers,
-)
+from oracles import CASES, COMPASS, FRICTION, SLIPS, WHEEL, Case, compass_oracle, directional, numbers
 
 from gaitopt import Walker
 from gaitopt.model.control import ConstantTorque

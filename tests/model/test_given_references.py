@@ -170,10 +170,7 @@ def test_a_free_set_point_gives_the_step_length_of_the_fixed_one() -> None:
     expected = go.solve(upright.replace({"control.reference.constant.theta2": "12 deg"}))
     free = {"free": ["8 deg", "14 deg"], "guess": "10 deg"}
     design = upright.replace(
-        {
-            "control.reference.constant.theta2": free,
-            "constraints": {"step_length": expected.scalar("step_length")},
-        }
+        {"control.reference.constant.theta2": free, "constraints": {"step_length": expected.scalar("step_length")}}
     )
     gait = go.solve(design)
     assert gait.freed == {"control.reference.constant.theta2": pytest.approx(radians(12), abs=1e-7)}

@@ -29,9 +29,7 @@ def test_margins_in_natural_units_do_not_depend_on_the_units_of_the_problem(mode
     system = HybridSystem(RimlessWheel, NoControl())
     length, time, mass = 1e3, 3e-2, 7e2
     wheel = RimlessWheel(spokes=10, radius=0.5, mass=2, inertia_ratio=0.2, gravity=9.8, slope=0.2)
-    other = wheel.model_copy(
-        update={"radius": 0.5 * length, "mass": 2 * mass, "gravity": 9.8 * length / time**2},
-    )
+    other = wheel.model_copy(update={"radius": 0.5 * length, "mass": 2 * mass, "gravity": 9.8 * length / time**2})
     z = np.array([-0.1, 0.0, 1.2, 0.3])
     dimensionless = []
     for w in (wheel, other):

@@ -86,10 +86,7 @@ def test_registered_walker_goes_through_the_command_line(tmp_path: Path) -> None
     (package / "entry_points.txt").write_text("[gaitopt.walkers]\ntorso_compass = torso_compass:TorsoCompass\n")
     path = os.pathsep.join([str(tmp_path), str(EXAMPLES), os.environ.get("PYTHONPATH", "")])
 
-    commands = [
-        ["solve", str(EXAMPLES / "torso-compass-slip.yaml"), "-o", "run"],
-        ["simulate", "run", "--steps", "3"],
-    ]
+    commands = [["solve", str(EXAMPLES / "torso-compass-slip.yaml"), "-o", "run"], ["simulate", "run", "--steps", "3"]]
     program = f"from gaitopt.cli.main import main; [main([*c, '--json', '--quiet']) for c in {commands}]"
     done = subprocess.run(
         [sys.executable, "-c", program],

@@ -130,10 +130,7 @@ def test_the_speed_and_the_multiplier_of_the_hopper_lie_in_their_enclosures():
 
 @pytest.mark.parametrize(
     ("field", "refused"),
-    [
-        (("boxes", 0, "centre", 0), "existence and uniqueness"),
-        (("boxes", 0, "centre", 2), "existence and uniqueness"),
-    ],
+    [(("boxes", 0, "centre", 0), "existence and uniqueness"), (("boxes", 0, "centre", 2), "existence and uniqueness")],
 )
 def test_a_forged_gap_or_height_of_the_crawler_is_refused(field, refused):
     data = certificate("crawler")

@@ -19,15 +19,7 @@ from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import load_problem
 from gaitopt.requests import BasinRequest, Engine
 from gaitopt.runs import basin as basin_run
-from gaitopt.runs.basin import (
-    MAX_PERIOD,
-    SETTLED,
-    UNDECIDED,
-    BasinPlan,
-    assign_gaits,
-    follow,
-    read_basin,
-)
+from gaitopt.runs.basin import MAX_PERIOD, SETTLED, UNDECIDED, BasinPlan, assign_gaits, follow, read_basin
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.show.grids import basin as basin_figure
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper

@@ -167,10 +167,7 @@ NULLABLE = {
     "impulse_ratio",
     "min_normal_force",
     "foot_clearance",
-} | {
-    "cost_of_transport",
-    "absolute_cost_of_transport",
-}
+} | {"cost_of_transport", "absolute_cost_of_transport"}
 """Scalars that some gaits do not have; that one is missing cannot be seen in a record alone."""
 
 

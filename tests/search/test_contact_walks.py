@@ -81,10 +81,7 @@ def test_explain_names_the_contact_that_needs_more_friction_and_where_it_has_eno
 
 @pytest.mark.parametrize(
     ("changed", "period", "radius"),
-    [
-        ({"walker.toe": 0.1}, 0.801939, 1.99354),
-        ({"walker.toe": 0.2, "walker.heel": 0.06}, 0.900628, 2.07138),
-    ],
+    [({"walker.toe": 0.1}, 0.801939, 1.99354), ({"walker.toe": 0.2, "walker.heel": 0.06}, 0.900628, 2.07138)],
 )
 def test_a_gait_follows_the_contacts_of_its_walker_when_they_move(changed, period: float, radius: float) -> None:
     """The posture of the guess follows from its section and the places of heel and toe: it is no change of its own."""

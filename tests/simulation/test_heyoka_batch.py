@@ -128,10 +128,7 @@ def test_engines_map_alike_around_gaits_of_every_kind(name, changes, spread, met
 
 @pytest.mark.parametrize(
     ("name", "count"),
-    [
-        ("crawler", 40),
-        *(pytest.param(name, 25, marks=pytest.mark.slow) for name in ("heel-toe", "bounding")),
-    ],
+    [("crawler", 40), *(pytest.param(name, 25, marks=pytest.mark.slow) for name in ("heel-toe", "bounding"))],
 )
 def test_walkers_with_several_contacts_are_mapped_alike(name, count):
     gait, rng = named(name), np.random.default_rng(3)

@@ -113,10 +113,7 @@ def test_a_law_that_holds_contacts_acts_alike_in_a_step_whose_foot_slips() -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "model"),
-    [("rabbit-hzd-slip", "stick"), ("rabbit-hzd", "actual")],
-)
+@pytest.mark.parametrize(("name", "model"), [("rabbit-hzd-slip", "stick"), ("rabbit-hzd", "actual")])
 def test_a_law_that_holds_contacts_acts_alike_while_modes_are_compared(name: str, model: str) -> None:
     """RABBIT with named contacts is RABBIT, also where its foot begins to slip."""
     gait = solve(with_point_feet(name, model))

@@ -303,10 +303,7 @@ def test_a_landing_at_the_start_of_the_cycle_or_in_an_unknown_word_is_refused_wi
     data = problem_data(mid_stride())
     for phase, words in (
         ({"mode": "stick", "impact": "stick"}, r"gait.phases\[0\].impact: the step begins there: leave it out"),
-        (
-            {"mode": "stick", "impact": "flight"},
-            r"gait.phases\[0\].impact: .flight. is not one of the choices",
-        ),
+        ({"mode": "stick", "impact": "flight"}, r"gait.phases\[0\].impact: .flight. is not one of the choices"),
     ):
         data["gait"]["phases"] = [phase, "slip_backward", SLIP, "stick"]
         with pytest.raises(ProblemError, match=words):

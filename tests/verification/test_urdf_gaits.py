@@ -111,11 +111,7 @@ def test_a_gait_that_leaves_the_range_of_a_joint_says_so(tmp_path):
             {"constraints.step_length": 0.7},
             r"step_length = 0.7 conflicts with angle.hip: best reached 0.5",
         ),
-        pytest.param(
-            UNLIMITED,
-            {"constraints.step_length": 3},
-            "step_length = 3 conflicts with .*: best reached",
-        ),
+        pytest.param(UNLIMITED, {"constraints.step_length": 3}, "step_length = 3 conflicts with .*: best reached"),
     ],
 )
 def test_an_infeasible_task_says_what_is_in_the_way_and_how_far_one_gets(tmp_path, limit, changes, words):

@@ -256,12 +256,7 @@ def test_verification_looks_at_measures_and_impact() -> None:
     slower = replace(gait, measures={**gait.measures, "speed": 0.999 * gait.measures["speed"]})
     assert failed(slower) == {"measures"}
     weaker = replace(gait.steps[-1].impact, impulse=0.999 * gait.steps[-1].impact.impulse)
-    assert failed(
-        replace(
-            gait,
-            steps=(replace(gait.steps[0], impact=weaker),),
-        )
-    ) == {"impact"}
+    assert failed(replace(gait, steps=(replace(gait.steps[0], impact=weaker),))) == {"impact"}
 
 
 def test_a_measure_that_is_missing_or_undefined_without_reason_is_seen() -> None:
