@@ -61,28 +61,16 @@ REFUSED = [
     (altered("distances", bodies(unequal_distances)), "its masses jump when the feet swap roles: the body of 4 kg at"),
     (altered("masses", bodies(heavier)), "its masses jump when the feet swap roles: the body of 4.* kg at"),
     (altered("spins", bodies(spinning)), "its masses jump"),
-    (
-        altered("wrong_relabel", lambda m, q, p: {"relabel": vertcat(q.theta2, q.theta1)}),
-        "relabel must describe the same posture",
-    ),
+    (altered("wrong_relabel", lambda m, q, p: {"relabel": vertcat(q.theta2, q.theta1)}), "relabel must describe the"),
     (  # the angles are right where the legs have the same one, their rates are not
         altered("right_at_touchdown_only", lambda m, q, p: {"relabel": vertcat(-q.theta1, -q.theta2)}),
         "or does not move so",
     ),
     (altered("forgetful", lambda m, q, p: {"relabel": vertcat(-q.theta2, -q.theta2)}), "relabel cannot be inverted"),
-    (
-        starting("wrong_start", lambda free: (free.theta1, -free.theta1)),
-        "after_impact and touchdown contradict each other: a step would begin in the posture theta1 = ",
-    ),
+    (starting("wrong_start", lambda free: (free.theta1, -free.theta1)), "after_impact and touchdown contradict each"),
     (starting("short_start", lambda free: (free.theta1,)), "after_impact gives 1 coordinates, but shape has 2"),
-    (
-        altered("spring_on_one_leg", lambda m, q, p: {"potential": 10 * (q.theta1 - 0.1) ** 2}),
-        "its potential energy jumps from .*: springs must be the same",
-    ),
-    (
-        altered("high_foot", lambda m, q, p: {"swing_foot": m.swing_foot + SX([0, 0.01])}),
-        "the swing foot is 0.01 m above the ground where touchdown is zero",
-    ),
+    (altered("spring_on_one_leg", lambda m, q, p: {"potential": 10 * (q.theta1 - 0.1) ** 2}), "its potential energy"),
+    (altered("high_foot", lambda m, q, p: {"swing_foot": m.swing_foot + SX([0, 0.01])}), "the swing foot is 0.01 m"),
     (altered("massless", lambda m, q, p: {"bodies": m.bodies[1:2]}), "nothing has inertia against theta2"),
     (
         altered("negative_mass", bodies(lambda a, hip, b, q, p: (a, replace(hip, mass=-p.hip_mass), b))),

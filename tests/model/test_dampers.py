@@ -105,13 +105,6 @@ def test_energy_is_lost_to_dampers_and_impacts_alone(name):
     assert gait.measures["damping_loss"] + sum(jumps) + impact == pytest.approx(descent, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["telescopic-passive", pytest.param("torso-passive", marks=pytest.mark.slow)])
-def test_both_engines_confirm_gaits_with_dampers(name):
-
-    pytest.importorskip("heyoka")
-    assert go.verify(named(name), engine="heyoka").passed
-
-
 def test_the_swing_foot_of_the_telescopic_leg_clears_the_ground():
     gait = named("telescopic-passive")
     arc = gait.steps[0].arcs[0]

@@ -16,14 +16,9 @@ from gaitopt.gait.measures import observe
 from gaitopt.model.modes import Mode
 from gaitopt.model.walkers.slip_runner import SlipRunner
 from gaitopt.problem.statement import problem_data
-from tests.named import named, verification
+from tests.named import named
 
 Array = NDArray[np.float64]
-
-
-@pytest.mark.parametrize("name", ["hopper", "slip-run", "slip-run-foot"])
-def test_gaits_with_flight_are_confirmed_by_the_simulator(name: str) -> None:
-    assert verification(name).passed
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from math import cos, sin, tan
 
 import numpy as np
 import pytest
-from named import named, verification
+from named import named
 from oracles import compass_oracle
 from scipy.integrate import solve_ivp
 
@@ -62,12 +62,6 @@ def test_the_gait_is_a_fixed_point_of_the_step_by_hand():
     h = 1e-5
     J = np.array([(one_step(xi + h * e)[0] - one_step(xi - h * e)[0]) / (2 * h) for e in np.eye(3)]).T
     assert np.poly(gait.multipliers) == pytest.approx(np.poly(J), abs=1e-6)
-
-
-def test_both_methods_and_both_engines_agree_on_the_push():
-    assert verification(NAME).passed
-    pytest.importorskip("heyoka")
-    assert go.verify(named(NAME), engine="heyoka").passed
 
 
 def test_with_light_legs_the_push_is_that_of_the_closed_form():

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from named import named, verification
+from named import named
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
@@ -112,12 +112,6 @@ def test_point_feet_are_those_of_the_compass():
     assert points.multipliers == pytest.approx(compass.multipliers, abs=1e-8)
     for name in ("period", "step_length", "required_friction", "impulse_ratio", "foot_clearance"):
         assert points.measures[name] == pytest.approx(compass.measures[name], abs=1e-10)
-
-
-def test_both_methods_and_both_engines_agree_on_round_feet():
-    assert verification("round-feet-passive").passed
-    pytest.importorskip("heyoka")
-    assert go.verify(named("round-feet-passive"), engine="heyoka").passed
 
 
 def test_arcs_are_drawn_and_touch_the_ground():

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from named import named, verification
+from named import named
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
@@ -101,12 +101,6 @@ def test_multipliers_of_the_limp_are_those_of_the_walk_by_hand():
     by_hand = np.linalg.eigvals(derivative())
     assert sorted(abs(gait.multipliers)) == pytest.approx(sorted(abs(by_hand)), abs=1e-6)
     assert sorted(abs(gait.multipliers)) == pytest.approx([0.149, 0.544, 0.544], abs=5e-4)
-
-
-def test_both_methods_and_both_engines_agree_on_the_limp():
-    assert verification("compass-unequal").passed
-    pytest.importorskip("heyoka")
-    assert go.verify(named("compass-unequal"), engine="heyoka").passed
 
 
 @cache

@@ -101,11 +101,7 @@ def test_solution_is_right_to_its_promise(name):
 @pytest.mark.parametrize(
     ("name", "overrides", "words"),
     [
-        (
-            "compass-passive-stick",
-            {"friction": 0.14},
-            r"phase 1 \(stick\), t = 0\.\d+ s: needs friction 0\.174\d?, has 0\.14; impact: needs friction 0\.1447",
-        ),
+        ("compass-passive-stick", {"friction": 0.14}, r"phase 1 \(stick\), t = 0\.\d+ s: needs friction 0\.174\d?,"),
         ("rimless-wheel-slip", {"friction": 0.2}, r"impact: needs friction 0\.\d+, has 0\.2"),
         pytest.param("compass-passive-a", {"friction": 0.2}, "phase", marks=pytest.mark.slow),
     ],

@@ -119,6 +119,16 @@ def test_gait_has_the_modes_of_the_paper_and_every_claim_about_it_holds(name: st
     assert check.to_record()["mode_sequence_matches"]
 
 
+MECHANISMS = ["compass-push-off", "round-feet-passive", "compass-unequal", "telescopic-passive", "hopper", "slip-run"]
+
+
+@pytest.mark.parametrize("name", [*MECHANISMS, pytest.param("torso-passive", marks=pytest.mark.slow)])
+def test_both_engines_confirm_gaits_of_other_mechanisms(name: str) -> None:
+    assert verification(name).passed
+    pytest.importorskip("heyoka")
+    assert go.verify(named(name), engine="heyoka").passed
+
+
 @pytest.mark.portable
 @pytest.mark.parametrize(("name", "figure", "value", "digits"), FIGURES)
 def test_figure_is_the_known_one_to_all_its_digits(name: str, figure: str, value: float, digits: int) -> None:
