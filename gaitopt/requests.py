@@ -85,7 +85,7 @@ FEWEST_INTERVALS, MOST_INTERVALS = 2, 2000
 LONGEST_SHOWN = 60
 """Largest number of characters of a wrong value in a message."""
 TYPE_NAMES = {int: "a whole number", float: "a finite number", bool: "True or False"}
-"""How messages describe the values of a type."""
+"""The text with which messages describe the values of a type."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,7 +75,11 @@ def plot(result: Any, what: str | None = None, *, ax: Axes | Sequence[Axes] | No
             draw(result, what)
         return ax if isinstance(ax, Axes) else next(np.array(ax, dtype=object).flat)
     figure = draw(result, what)
-    _show(figure)
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None  # not imported otherwise
+    if shell is not None and getattr(shell, "kernel", None) is not None:  # the caller is a notebook
+        from IPython.display import display
+
+        display({"image/png": encoded(figure, "png", 100)}, raw=True)
     return max(figure.axes, key=lambda axes: axes.get_position().width * axes.get_position().height)
 
 
@@ -179,7 +183,7 @@ def animate(result: Gait | Walk) -> Page:
 
 
 def report(*results: Any, replays: Sequence[Any] = ()) -> Page:
-    """Report on a gait, a walk, a branch, an atlas, robustness, or on several gaits side by side, as one offline page.
+    """Report on a gait, several gaits side by side, a walk, a branch, an atlas or robustness, as one offline page.
 
     Parameters
     ----------
@@ -233,12 +237,3 @@ def write_page(page: Page, path: Path) -> Path:
         write_whole(path, content)
         written.append(path)
     return path
-
-
-def _show(figure: Figure) -> None:
-    """Display a figure if the caller is a notebook; IPython is not imported otherwise."""
-    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
-    if shell is not None and getattr(shell, "kernel", None) is not None:
-        from IPython.display import display
-
-        display({"image/png": encoded(figure, "png", 100)}, raw=True)

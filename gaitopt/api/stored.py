@@ -57,7 +57,7 @@ def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
 
 
 def save_best_point(gait: Gait, folder: Path) -> None:
-    """Store the point where a failed design ended in its run folder, from which ``--start`` goes on."""
+    """Store the point where a failed design ended in its run folder; ``--start`` continues the design from there."""
     run = Run(folder)
     with run.begun(gait.problem):
         run.write({BEST_FILE: json_file(dict(gait.best or {}))})

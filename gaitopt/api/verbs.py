@@ -524,8 +524,8 @@ def explain(
     Parameters
     ----------
     starts, seed, workers : as for ``find``, for the search for gaits with other mode sequences.
-    seconds : time limit; what is not known by then is missing, and ``complete`` of the explanation is False.
-    found : called with what is known so far, each time that there is more.
+    seconds : time limit; the explanation then lacks what the search would have found later, and ``complete`` is False.
+    found : called with the explanation so far, each time that a part is added.
     progress : whether to show it, or a function that is called with a description of each stage.
     parts : called with the number of finished parts of a stage and their total.
     should_stop : polled at every iteration.

@@ -1,4 +1,4 @@
-"""Options that several commands have, and the readers of their texts: ``KEY=VALUE``, ranges, grids, states, numbers.
+"""Options that commands share, and the readers of their texts: ``KEY=VALUE``, ranges, grids, states, numbers.
 
 Angles may have the unit deg or rad.
 """

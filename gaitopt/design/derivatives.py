@@ -24,7 +24,7 @@ from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, relevant_scalars, unit_of
 from gaitopt.solver.assembly import solution_of
-from gaitopt.solver.newton import Solution, polish, refine
+from gaitopt.solver.newton import polish, refine
 from gaitopt.solver.rollout import retraced
 
 if TYPE_CHECKING:
@@ -142,7 +142,8 @@ def derivatives(gait: Gait) -> Derivatives:
         raise SolveError(f"{name} is {gait.status}, so there is nothing to differentiate: {gait.message}")
     at = np.array([gait.dynamics.parameter(key) for key in keys])
     try:
-        sensitivity = Sensitivity(_solution(gait, keys))
+        known = retraced(gait).on_mesh(keys) if gait.shooting is None else solution_of(gait, keys)
+        sensitivity = Sensitivity(refine(polish(known)))  # with the parameters as unknowns
     except RuntimeError:  # singular
         raise _not_a_function(name) from None
     sizes = np.abs(sensitivity.slopes[: gait.state.size] * at / gait.dynamics.state_units[:, None])
@@ -179,12 +180,6 @@ def _not_a_function(name: str) -> SolveError:
     return SolveError(
         f"{name}: the gait is not a function of its parameters here, as at a fold; take another point of its branch"
     )
-
-
-def _solution(gait: Gait, keys: tuple[str, ...]) -> Solution:
-    """The equations of the gait, with its parameters as unknowns, solved to rounding."""
-    known = retraced(gait).on_mesh(keys) if gait.shooting is None else solution_of(gait, keys)
-    return refine(polish(known))
 
 
 def _stability(

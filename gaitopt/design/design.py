@@ -41,14 +41,14 @@ NEXT_TO_GAIT = 1e-6
 MAX_MESHES = 3
 """Largest number of searches of the exact problem, each on the mesh that the optimum of the one before needs."""
 COALESCENCE = 1e-3
-"""If two multipliers are closer than this, relative to their modulus, rounding changes them by its root."""
+"""Distance of two multipliers, relative to their modulus, below which rounding changes them by its root."""
 AT_THE_EDGE = 1e-8
 """An optimum is at the edge of an impact that would stick if the margin, in natural units, is smaller: ``clearance`` is
 a hundredth of it."""
 SMALLEST_GAIN = 1e-9
 """Smallest relative difference of two objectives by which one design over scenarios is better than another one."""
 CREDITED_COST = 1.2
-"""If the ratio of absolute to net cost is larger, the message says that the design profits from negative work."""
+"""Ratio of absolute to net cost above which the message says that the design profits from negative work."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

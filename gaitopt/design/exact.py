@@ -39,8 +39,8 @@ CLEARANCE = 1e-10
 """Distance in natural units between a design and the edge of the friction cone, or of an impact that would stick, where
 optima often lie. It exceeds the rounding that would otherwise decide, and is less than anyone could measure."""
 OUTSIDE = 1e-3
-"""If all circle inequalities hold, but the spectral radius exceeds the circle by this, two multipliers left it
-together."""
+"""Excess of the spectral radius over the circle above which two multipliers have left it together, although all circle
+inequalities hold."""
 INACTIVE = 0.3
 """A circle inequality with a larger value is left out: it is a product of numbers of the order of one, and far from
 zero."""

@@ -232,7 +232,7 @@ def _constraints(gait: Gait, problem: Problem) -> Array:
 
 
 def _in_time(problem: Problem) -> bool:
-    """Whether the mean duration of a step is fixed, because it is the sum of open-loop intervals at fixed times."""
+    """Whether the mean duration of a step is fixed, because the intervals of open-loop torques last fixed times."""
     law = problem.control
     return isinstance(law, OpenLoop) and (law.intervals > 1 or law.order is Order.LINEAR)
 

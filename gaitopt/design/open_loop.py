@@ -37,13 +37,13 @@ from gaitopt.solver.rollout import guessed_motion
 MAX_EXCHANGES = 8
 """Largest number of rounds in which places between the points are added."""
 LARGEST_VIOLATION = 1e-6
-"""If the best value that can be reached violates a bound by more, relative to the bound or to one, the bound cannot be
-met."""
+"""Violation of a bound by the best value that can be reached, relative to the bound or to one, above which the bound
+cannot be met."""
 VIOLATED_MARGIN = 0.5 * ROOM
-"""If a margin between the points is smaller than this, in natural units, it becomes a row of the program there too."""
+"""Margin between the points, in natural units, below which it becomes a row of the program there too."""
 SUSPECT_MARGIN = 1e-4
-"""If a search begins at a gait, a margin of that gait between the points that is smaller than this, in natural units,
-is a row from the beginning. This saves rounds."""
+"""Margin between the points of a gait at which a search begins, in natural units, below which it is a row from the
+beginning. This saves rounds."""
 BESIDE = 2
 """Number of samples on either side of a violated margin that become rows too, because the smallest margin moves."""
 MESHES = (INTERVALS, 2 * INTERVALS, 4 * INTERVALS)

@@ -48,7 +48,7 @@ COUNTS = (17, 25, 33, 65, 129, 257)
 """Numbers of Chebyshev points, tried in turn until an arc is resolved; every point takes an integration step."""
 
 TIED = 1e-9
-"""If the relative difference of two values is smaller, both are the extremum."""
+"""Relative difference of two values below which both are the extremum."""
 DIFFERENT = 1e-6
 """A larger relative difference of two gradients is not due to rounding."""
 SMALLEST_SIZE = 1e-6
@@ -234,7 +234,7 @@ class Multiplier(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """One of the values over which an extremum is taken; ``key`` distinguishes it from the others."""
+    """One of the values over which an extremum is taken; ``key`` is its unique name."""
 
     key: str
     value: float
@@ -342,7 +342,9 @@ class Sensitivity:
         if rate == "loss":
             return self._total(arc.loss.integral() for arc in self.arcs)
         if rate == "squared_torque":
-            return self._total(_squared(curve).integral() for arc in self.arcs for curve in arc.torque)
+            torques = (curve for arc in self.arcs for curve in arc.torque)
+            squared = (replace(c, values=c.values**2, slopes=2 * c.values[:, None] * c.slopes) for c in torques)
+            return self._total(curve.integral() for curve in squared)
         power = (curve for arc in self.arcs for curve in arc.power)
         return self._total(c.absolute_integral() if rate == "absolute_power" else c.integral() for c in power)
 
@@ -420,7 +422,8 @@ class Sensitivity:
                         continue
                     above, below = scalar.quotient(Instant(contact.force_t, contact.force_n, None, None))
                     found += _extremes(above if below is None else _quotient(above, below), f"{name} {j} {k}")
-        return _both_signs(found) if scalar.both_signs else found
+        signed = ((sign, *candidate) for candidate in found for sign in scalar.signs)
+        return [Candidate(key if sign > 0 else f"-{key}", sign * value, sign * by) for sign, key, value, by in signed]
 
     def margins(self) -> Iterator[tuple[str, float, Candidate]]:
         """Name, natural unit and value of every margin at its minima along the arcs, and of the margins of the impacts.
@@ -484,7 +487,7 @@ OUTPUT, RATE = "output after the impact", "rate of the output after the impact"
 
 
 def invariance_labels(system: HybridSystem) -> tuple[Label, ...]:
-    """What the rows of ``invariance`` are; none if the law's curves need not be invariant."""
+    """The labels of the rows of ``invariance``; none if the law's curves need not be invariant."""
     law = system.control
     if not isinstance(law, VirtualConstraints) or not law.is_invariant:
         return ()
@@ -603,14 +606,6 @@ def _extreme(candidates: Sequence[Candidate], sense: int) -> Candidate | None:
     tied = [c.gradient for c in candidates if abs(c.value - best.value) <= TIED * max(abs(best.value), SMALLEST_SIZE)]
     differ = np.ptp(tied, axis=0) > DIFFERENT * np.maximum(np.abs(tied).max(axis=0), SMALLEST_SIZE)
     return best._replace(gradient=np.where(differ, np.nan, best.gradient))
-
-
-def _both_signs(candidates: Iterable[Candidate]) -> list[Candidate]:
-    return [c for key, value, by in candidates for c in (Candidate(key, value, by), Candidate(f"-{key}", -value, -by))]
-
-
-def _squared(curve: DifferentiatedCurve) -> DifferentiatedCurve:
-    return replace(curve, values=curve.values**2, slopes=2 * curve.values[:, None] * curve.slopes)
 
 
 def _quotient(above: DifferentiatedCurve, below: DifferentiatedCurve) -> DifferentiatedCurve:

@@ -34,11 +34,12 @@ from gaitopt.design.sensitivity import ArcCurves
 from gaitopt.gait import curves
 
 ACTIVE = 1e-7
-"""A constraint is active if this change of the unknowns, relative to their sizes, would violate it."""
+"""Change of the unknowns, relative to their sizes, that violates an active constraint."""
 SMALLEST_GRADIENT = 1e-6
-"""If the gradient of a constraint, in its natural unit and the sizes, is smaller, the unknowns do not govern it."""
+"""Length of the gradient of a constraint, in its natural unit and the sizes, below which the unknowns do not govern
+it."""
 ARMIJO = 1e-4
-"""A step must gain at least this part of what the slope promises."""
+"""Smallest gain of a step, relative to the gain that the slope promises."""
 PENALTY = 2.0
 """Weight of violations in the merit functions, as a multiple of the largest multiplier."""
 
@@ -81,9 +82,9 @@ SHRINKING, HOPELESS_REACH = 0.1, 1e-5
 """If no part of a step is better, the reach is multiplied by the first number. At a reach below the second one, the
 search gives up."""
 EDGE = 0.99
-"""A step that is longer than this part of the reach is limited by it."""
+"""Length of a step, relative to the reach, above which the reach limits the step."""
 SUFFICIENT_GAIN = 0.7
-"""The reach is doubled only if a step gains this part of what the model predicts."""
+"""Smallest gain, relative to that of the model, after which the reach is doubled."""
 SHORTEST_STEP = 1e-4
 """The line search gives up at this part of a step."""
 DIFFERENCE = 1e-4

@@ -29,11 +29,11 @@ SETTLED = 0.05
 SLIPPING_SPEED = 2.5e-4
 """A foot that is faster counts as slipping, in natural units; for a leg of a metre, about a millimetre per second."""
 SHORTEST_MODE = 0.01
-"""A mode of the engine that is shorter than this fraction of the cycle does not count."""
+"""Duration below which a mode of the engine does not count, relative to the cycle."""
 TRIMMED = 0.1
 """Fraction of a sticking phase at each of its ends in which creep is not measured."""
 DIVERGED_RATE = 1e3
-"""A motion with a faster rate has diverged, in natural units."""
+"""Rate above which a motion has diverged, in natural units."""
 LONGEST_REASON = 120
 """Largest number of characters of an engine's error message in an outcome."""
 MIDPOINT_INTERVALS = 100

@@ -35,7 +35,7 @@ def outcomes(
     finished: Callable[[Outcome], None],
     should_stop: Stop = None,
 ) -> tuple[Outcome, ...]:
-    """Replay a gait at several time steps; a crash ends only the run at its own time step.
+    """Replay a gait at some time steps; a crash of the engine ends only the run at its own time step.
 
     Raises
     ------

@@ -36,7 +36,7 @@ ENGINES: Mapping[str, str] = {"mujoco": "mujoco", "drake": "pydrake", "pybullet"
 """Adapters, and the packages that they import."""
 EXTRA = "pip install 'gaitopt[engines]'"
 INSTALL = {"siconos": "on Debian: apt install python3-siconos, and a virtual environment with --system-site-packages"}
-"""How to install engines that are not in the extra ``engines``."""
+"""The commands that install engines which are not in the extra ``engines``."""
 TIME_STEPS = (0.004, 0.002, 0.001, 0.0005, 0.00025)
 """Default time steps [s]."""
 FITTED = 3

@@ -53,10 +53,10 @@ UNDECIDED = -1
 MAX_PERIOD = 4
 """Longest cycle that is recognised as a gait [steps]."""
 SETTLED = 1e-6
-"""A state has settled if it returns to itself within this distance [rad, rad/s, m/s]; the distance to the gait is of
-the same size."""
+"""Distance within which a settled state returns to itself [rad, rad/s, m/s]; its distance to the gait has this size
+too."""
 SAME_GAIT = 1e-3
-"""Settled states this close together are on the same gait."""
+"""Distance below which settled states are on the same gait [rad, rad/s, m/s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,13 +20,14 @@ from gaitopt.store.gaits import branch_point, special_point
 
 BRANCH_FILE = "branch.jsonl"
 AT_BOUND = 1e-9
-"""An end is at a bound if their relative distance is below this; a continuation ends at bounds up to rounding."""
+"""Relative distance of an end and a bound below which the end is at the bound; continuations end there up to
+rounding."""
 OLDER_LIMIT = re.compile(r"\d+ points, as many as were allowed|out of time after \d+ s")
 """Reasons that earlier versions stated for ends at a limit of points or time."""
 
 
 def _fault(problem: Problem, request: RequestRecord, record: BranchRecord) -> str:
-    """What is wrong with a point or special point of a problem's gaits."""
+    """The fault of a point or special point of a branch, as text; empty if there is none."""
     parameter, value = request["parameter"], record["value"]
     objection = problem.objection(parameter, value) if parameter in problem.parameters else None
     if objection:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 SAME_OBJECTIVE = 1e-9
-"""Two objectives are equal if their relative difference is below this."""
+"""Relative difference below which two objectives are equal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,7 +34,7 @@ R = TypeVar("R", covariant=True)
 Stored = tuple[dict[str, Any], Callable[[str, Any], Any]]
 """Results on the disk by the keys of their jobs, and the function that stores a new one."""
 SAME_DIGITS = 7
-"""Two gaits are the same if their states agree to this many decimals; Newton's method leaves errors of 1e-10."""
+"""Number of decimals to which the states of equal gaits agree; Newton's method leaves errors of 1e-10."""
 SET_ASIDE: Literal["set_aside"] = "set_aside"
 """Status of a job that has no result."""
 
@@ -168,7 +168,7 @@ SEARCHED = ResultFile(name="find.jsonl", key="part", model=PartRecord)
 
 
 def all_results(jobs: ResumableJobs, task: Callable[..., Any], of: Sequence[Job], noun: str) -> list[Any]:
-    """The results of all jobs; a StorageError names the ``noun`` of one that failed, after the others are stored."""
+    """The results of all jobs. If one failed, a StorageError names it by ``noun`` once all other results are stored."""
     results = jobs.complete(task, of, len(of))
     failed = next((result for result in results if isinstance(result, FailedJob)), None)
     if failed is not None:

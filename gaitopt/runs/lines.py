@@ -37,7 +37,7 @@ class CurveFile:
     name, table : names of the file and of its table.
     number : entry of a record with the number of its branch or curve.
     request, point, special : types of the first line, of points, and of special points.
-    fault : function of problem, request and a record that returns what is wrong with the record; empty if nothing is.
+    fault : function of problem, request and a record that returns the fault of the record; empty if it has none.
     rows : header and rows of the table of all records.
     completed : function of request and records that adds the entries that earlier versions did not write.
     """

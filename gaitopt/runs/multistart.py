@@ -22,7 +22,7 @@ from gaitopt.systems import build_system
 from gaitopt.workers.jobs import ResumableJobs
 
 SAME_OBJECTIVE, SAME_VALUES = 1e-6, 1e-3
-"""Two solutions are the same if the objectives, and the states and freed values, differ by less than this, relatively.
+"""Relative differences of the objectives, and of the states and freed values, below which two solutions are the same.
 Near a flat optimum, values differ by the root of the difference of the objectives."""
 RANKING_DIGITS = 6
 """Objectives that agree to this number of digits count as equal when solutions are ranked."""

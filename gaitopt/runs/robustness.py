@@ -55,7 +55,7 @@ MANY_STEPS = 1_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Robustness(Reported):
-    """How robust a gait is.
+    """The figures that describe how robust a gait is.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ TRACE_FILE = "trace.jsonl"
 
 
 def _fault(problem: Problem, request: TraceRequestRecord, record: TraceRecord) -> str:
-    """What is wrong with a point or special point of a trace."""
+    """The fault of a point or special point of a trace, as text; empty if there is none."""
     keys = [request["parameter"], request["key"]]
     if [*record["values"]] != keys:
         return f"values: must be those of {' and '.join(keys)}"

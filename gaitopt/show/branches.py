@@ -31,7 +31,7 @@ UNSTABLE: Any = (0, (1.2, 1.4))
 STABLE_LINE: dict[str, Any] = {"linewidth": 2.2}
 UNSTABLE_LINE: dict[str, Any] = {"linewidth": 1.3, "linestyle": UNSTABLE}
 LARGEST_LINEAR = 10.0
-"""If a multiplier is larger, the axis is logarithmic, so that those near the unit circle can still be distinguished."""
+"""Modulus of a multiplier above which the axis is logarithmic, so that those near one can still be distinguished."""
 SPECIAL_LOOKS = {
     "fold": ("fold", "o"),
     "branch_point": ("branches cross", "p"),
@@ -52,7 +52,8 @@ OF_EACH_STEP = ("period", "step_length")
 CROSSINGS = ("fold", "period_doubling", "neimark_sacker", "branch_point")
 """Special points at which a multiplier lies on the unit circle."""
 CROSSING, ON_CIRCLE = "#d55e00", 1e-3
-"""Colour of the ring around a multiplier on the unit circle, and its largest distance from the circle."""
+"""Colour of the ring around a multiplier on the unit circle, and largest distance from the circle of such a
+multiplier."""
 MARKERS = "osD^v"
 SMALLEST_REACH, LARGEST_REACH = 1.15, 2.0
 """Smallest half width of the picture, for the unit circle with a margin; and largest one, with which the circle can
@@ -68,7 +69,7 @@ VERTICAL_MARGIN = 0.11
 VALUE_REGION = np.array([[0.0, 0.0], [1.03, 1.08]])
 """Corners of the region for these values, relative to the axes."""
 SHARED_TEXT = 0.1
-"""Crossings that are closer than this share their text."""
+"""Distance of two crossings below which they share a text."""
 
 
 def over_parameter(
@@ -114,7 +115,9 @@ def over_parameter(
         axes.axhline(1, color=NEUTRAL, linewidth=0.8, linestyle="-.")
         if any(point[quantity] > LARGEST_LINEAR for point in drawn):
             axes.set_yscale("log")
-    _write_values(axes, marks)
+    axes.margins(y=VERTICAL_MARGIN)
+    axes.autoscale_view()
+    write_beside(axes, [("" if kind in TERMINAL else f"{value:.4g}", value, height) for kind, value, height in marks])
     axes.set_xlabel(str(parameter.label))
     written = label(quantity, parameter.problem)
     split = any(len(_heights(point, quantity)) > 1 for point in drawn)
@@ -214,13 +217,6 @@ def _mark(
         size = 7 if len(heights) == 1 else 4
         axes.plot(values, heights, marker, color=colour, markersize=size, markeredgewidth=1.4, markerfacecolor="white")
         yield special["type"], special["value"], heights[0]
-
-
-def _write_values(axes: Axes, marks: Sequence[tuple[str, float, float]]) -> None:
-    """Write the parameter beside special points where this covers no marker, value or curve; otherwise leave it out."""
-    axes.margins(y=VERTICAL_MARGIN)
-    axes.autoscale_view()
-    write_beside(axes, [("" if kind in TERMINAL else f"{value:.4g}", value, height) for kind, value, height in marks])
 
 
 def write_beside(
@@ -363,6 +359,6 @@ def _reach(values: Multipliers) -> float:
 
 
 def _inside(values: Multipliers) -> Multipliers:
-    """Multipliers, of which those beyond the largest picture are moved towards the origin to its edge."""
+    """The multipliers; those beyond the largest picture are moved towards the origin to its edge."""
     size = np.maximum(np.abs(values.real), np.abs(values.imag)) / LARGEST_REACH
     return np.asarray(values / np.maximum(size, 1.0))

@@ -50,8 +50,8 @@ OUTLIER_DISTANCE = 3.0
 """Values that are farther from the quartiles than this, in the distance between the quartiles, are outliers; most often
 they belong to another branch."""
 EQUAL_SPREAD, HALF_SCALE = 1e-9, 0.01
-"""If the relative spread of all values is below the first number, they are equal; the second one is then the half width
-of the colour scale around them."""
+"""Relative spread below which all values count as equal, and half width of the colour scale around them, relative to
+them."""
 BOUNDARY = 1.0
 """Stability is lost at this modulus of the largest multiplier."""
 ON_FRONT, BEATEN = "o", "s"

@@ -80,7 +80,7 @@ def motion_of(gait: Gait, name: str = "") -> Motion:
 
 
 def motion_of_walk(walk: Walk) -> Motion:
-    """All steps of a simulated walk, the last of which may end without an impact.
+    """All steps of a simulated walk; the last one may end without an impact.
 
     Raises
     ------

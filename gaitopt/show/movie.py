@@ -305,7 +305,8 @@ def _frames(motion: Motion, times: Array) -> Iterator[_Frame]:
                 inside = times[(times >= began + arc.start) & (times < began + arc.end)] - began
                 closeup = closeups[number % len(closeups)]
                 if closeup is not None:
-                    travelled = origin - _travelled(motion, steps % len(motion.steps))
+                    before = motion.steps[: steps % len(motion.steps)]
+                    travelled = origin - sum(one.impact.step_length for one in before if one.impact is not None)
                     closeup = closeup[0], closeup[1] + travelled
                 s = 2 * (inside - arc.start) / max(arc.duration, SHORTEST_ARC) - 1
                 states = np.asarray(curves.evaluate(curves.coefficients(arc.states), s)) if inside.size else inside
@@ -320,11 +321,6 @@ def _frames(motion: Motion, times: Array) -> Iterator[_Frame]:
                     )  # fmt: skip
                 number += 1
             origin, began, steps = origin + length, began + step.period, steps + 1
-
-
-def _travelled(motion: Motion, step: int) -> float:
-    """x of the stance foot at the start of a step of the cycle [m]."""
-    return sum(one.impact.step_length for one in motion.steps[:step] if one.impact is not None)
 
 
 def _turned(motion: Motion, points: Array) -> Array:

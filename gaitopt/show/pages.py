@@ -342,7 +342,7 @@ def _common(films: Sequence[Record]) -> tuple[Record, list[Record]]:
 
 
 def walks_page(gait: Gait, walks: Mapping[str, Walk], about: str, over: tuple[str, str] | None = None) -> str:
-    """HTML of walks that start beside a gait, of which the reader chooses one to be played.
+    """HTML of walks that start beside a gait. The reader chooses the walk that is played.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ from gaitopt.store.files import write_whole
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 CURVES = (*COLOURS, "#332288", "#999933", "#882255", "#44aa99", "#cc6677", "#117733", "#aa4499")
-"""Colours of curves, of which there may be many. Those after ``COLOURS`` are from P. Tol's muted scheme,
+"""Colours of curves in a figure that may have many. Those after ``COLOURS`` are from P. Tol's muted scheme,
 https://personal.sron.nl/~pault/."""
 MODE_COLOURS = {
     Mode.STICK: "#4d4d4d", Mode.SLIP_FORWARD: "#e69f00", Mode.SLIP_BACKWARD: "#56b4e9", Mode.FLIGHT: "#9bd1b3",

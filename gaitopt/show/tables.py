@@ -136,7 +136,7 @@ def print_table(
 
 
 def _widths(columns: Sequence[tuple[str, ...]], room: int) -> list[int] | None:
-    """Widths of columns, of which the widest are narrowed until all fit into ``room``; None if they cannot fit."""
+    """Widths of columns. The widest ones are narrowed until all fit into ``room``; None if they cannot fit."""
     narrowest = [max(map(_longest_word, column)) for column in columns]
     widths = [max(len(line) for cell in column for line in cell.split("\n")) for column in columns]
     if sum(narrowest) > room:
@@ -773,18 +773,13 @@ def print_proof(console: Console, record: Record) -> None:
     bounds = {**(record["state"] or {}), **{name: record.get(name) for name in SCALARS}}
     rows = [(name, enclosure(*value)) for name, value in bounds.items() if value is not None]
     if record.get("interval"):
-        rows.append((record["parameter"], _typed_interval(record["interval"])))
+        (lower, _, unit), (upper, _, _) = (end.strip().partition(" ") for end in record["interval"].split(".."))
+        rows.append((record["parameter"], f"{enclosure(lower, upper)} {unit}".rstrip()))
     for k, m in enumerate(record["multipliers"], start=1):
         re, im = enclosure(*m["re"]), enclosure(*m["im"])
         rows.append((f"multiplier {k}", re if im == "0" else f"{re}, im {im}"))
     if rows:
         section(console, "bounds, rounded; --json prints all digits", ("quantity", "value"), rows)
-
-
-def _typed_interval(text: str) -> str:
-    """An interval ``LO..HI`` of a parameter in the form of ``enclosure``, with the unit of both ends."""
-    (lower, _, unit), (upper, _, _) = (end.strip().partition(" ") for end in text.split(".."))
-    return f"{enclosure(lower, upper)} {unit}".rstrip()
 
 
 def enclosure(lower: str, upper: str) -> str:

@@ -47,8 +47,8 @@ LARGEST_CLOSING_ERROR = 1e-9
 """Largest difference between the states at the start and the end of a cycle that rounding can cause, in natural
 units."""
 SAME_TIME = 1e-14
-"""Rounding may separate the end of one arc from the start of the next by this part of the period. Other points of a
-motion are farther apart."""
+"""Largest distance, relative to the period, by which rounding separates the end of an arc from the start of the next.
+Other points of a motion are farther apart."""
 MISSING_SCALARS = {"damping_loss": 0.0, "gravity_cost": None, "torque_cost": None, "apex_height": None}
 """Values of the scalars that records of earlier versions lack."""
 

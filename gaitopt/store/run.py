@@ -116,7 +116,7 @@ def _versions() -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A run folder: a problem and what was computed for it. The folder need not exist yet.
+    """A run folder: a problem and its results. The folder need not exist yet.
 
     To write, lock the folder with ``begun``, then ``write`` whole files or append records with ``appending``. To read,
     ``holds`` tells which files are finished, ``problem`` and ``manifest`` tell their origin, and ``read``,

@@ -58,7 +58,7 @@ class FailedJob:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workers:
-    """Where jobs run: on a Dask ``scheduler`` with this address, in ``count`` processes, or in this one if it is 1.
+    """The processes that run jobs: those of a Dask ``scheduler``, or ``count`` processes; if it is 1, this process.
 
     Attributes
     ----------
