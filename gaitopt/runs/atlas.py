@@ -66,19 +66,19 @@ Record = Mapping[str, Any]
 ATLAS_FILE = "atlas.json"
 ATLAS_JOBS = ResultFile(name="atlas.jsonl", key="job", model=AtlasJobRecord)
 STORED_POINTS = 9
-"""Gaits of a segment that are stored, evenly along it with both ends."""
+"""Number of gaits of a segment that are stored: its two ends, and others evenly between them."""
 INSIDE = 1e-9
 """A start is moved into the range by this part of it: a branch cannot begin at its own target."""
 TRACEABLE = ("fold", "period_doubling", "neimark_sacker", *MARGINS)
 """Types of special points that have a curve, besides ends of families at a margin."""
 MOVING_POINTS = 200
-"""Most points of the family from a known gait to the place where a branch begins."""
+"""Largest number of points of the family from a known gait to the place where a branch begins."""
 LARGEST_LENGTH = 0.05
 """Largest arclength of a step along a branch: twice that of a continuation, because only special points matter."""
 MOST_TRACES, MOST_TRACED = 60, 200
-"""Most curves that are traced, and most points of each in either direction."""
+"""Largest number of curves that are traced, and of points of each in either direction."""
 SAME_VALUE = 1e-6
-"""Relative difference of two values that are the same."""
+"""Relative difference below which two values are the same."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +90,7 @@ class Atlas(Reported):
     problem, axes : the problem, and the ranges of the two parameters.
     slices : the branches in the first parameter, ascending in the second; then those of families of doubled gaits.
     arrangement : regions, curves, and the points where curves meet.
-    gaits : of the regions, in their order: the record of a verified gait; the reason if there is none.
+    gaits : for every region, the record of its verified gait, or the reason why there is none.
     folder : folder of its files.
     """
 
@@ -407,7 +407,7 @@ def begun_curves(traces: Mapping[str, Record], sizes: Array, most: int) -> Itera
     Parameters
     ----------
     traces : records of traces by the keys of their jobs.
-    sizes : of the ranges of both parameters.
+    sizes : sizes of the ranges of both parameters.
     most : largest number of steps of a cycle.
 
     Returns
@@ -566,10 +566,14 @@ def _doubled(
 def _cut(
     chain: Sequence[BranchPoint | SpecialPoint], backwards: int, key: str
 ) -> tuple[list[list[dict[str, Any]]], list[dict[str, Any]]]:
-    """Segments and special points of a branch, of which so many records at the beginning were followed backwards.
+    """Segments and special points of a branch, whose first records were followed towards the lower bound.
 
     Between two special points that are closer than two points of the branch, the gait in their middle is solved; where
     that fails the segment is left out, with the first of the two.
+
+    Parameters
+    ----------
+    backwards : number of these records.
     """
     cuts = [k for k, record in enumerate(chain) if isinstance(record, SpecialPoint)]
     segments, specials = list[list[dict[str, Any]]](), [_special(chain[cuts[0]], backwards=backwards > 0)]
