@@ -13,7 +13,7 @@ multipliers and costs rely on these equations, so that it is an error if a walke
 """
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -38,7 +38,7 @@ from gaitopt.model.declaration import (
     symbolic_mechanism,
 )
 from gaitopt.model.foreign import calling, shown
-from gaitopt.model.lagrangian import equations_of_motion
+from gaitopt.model.lagrangian import equations_of_motion, inertia
 from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import Body
 from gaitopt.model.section import stated_lift
@@ -218,11 +218,10 @@ def _fault(walker: type[Walker], parameters: tuple[float, ...]) -> str | None:
     straight = _posture(walker, np.zeros(n + 2), np.zeros(n + 2), p)
     if not (np.isfinite(straight.bodies).all() and (straight.bodies[:, :2] >= 0).all()):
         return "a body has a mass or inertia that is negative or no number"
-    length = float(np.linalg.norm(straight.bodies[:, 2:4], axis=1).max(initial=0.0))
-    mass = float(straight.bodies[:, 0].sum())
+    length, mass = np.linalg.norm(straight.bodies[:, 2:4], axis=1).max(initial=0.0), straight.bodies[:, 0].sum()
     if not (length > 0 and straight.gravity > 0 and mass > 0):
         return _undefined(walker, np.zeros(n), p) or "its length, mass or gravity is zero"
-    scales = Scales(length=length, time=float(np.sqrt(length / straight.gravity)), mass=mass)
+    scales = Scales.of(length, straight.gravity, mass)
     random = np.random.default_rng(0)
     spread = min(SPREAD, walker.largest_angle)
     steps = walker.step_parameters(p)
@@ -252,7 +251,7 @@ def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
     length, gravity, mass = (float(np.asarray(value).item()) for value in size(p))
     if not (length > 0 and gravity > 0 and mass > 0):
         return "its length, mass or gravity is zero"
-    scales = Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
+    scales = Scales.of(length, gravity, mass)
     random, massless = np.random.default_rng(0), {k for contact in contacts.values() for k in contact.places}
     closing = [walker.stops.index(name) for name in walker.closing_stops]
     kept = [k for k, name in enumerate((*walker.shape, "x", "y")) if name not in massless]
@@ -400,7 +399,7 @@ def _links_pairs(walker: type[Walker]) -> Function:
     def properties(bodies: tuple[Body, ...], swing_foot: SX, motors: Mapping[str, SX]) -> tuple[SX, ...]:
         moment = sum((body.mass * body.position for body in bodies), SX.zeros(2))
         shared = (motors[name] for name in walker.actuators if name in tree.joints)
-        return _mass_matrix(bodies, q), moment, swing_foot, vertcat(SX(0), *shared)
+        return inertia(bodies, q, SX.zeros(q.numel()))[0], moment, swing_foot, vertcat(SX(0), *shared)
 
     motors = dict(zip(walker.actuators, mechanism.motors, strict=True))
     stated = properties(mechanism.bodies, mechanism.swing_foot, motors)
@@ -451,11 +450,11 @@ def _jump(before: Array, after: Array, scales: Scales) -> str | None:
 
 def _without_inertia(walker: type[Walker], mass_matrix: Array) -> str | None:
     """Message about a mass matrix that is not positive definite."""
-    inertia = np.diag(mass_matrix)
-    if not (inertia > 0).all():
-        massless = ", ".join(name for name, value in zip(walker.shape, inertia, strict=True) if not value > 0)
+    diagonal = np.diag(mass_matrix)
+    if not (diagonal > 0).all():
+        massless = ", ".join(name for name, value in zip(walker.shape, diagonal, strict=True) if not value > 0)
         return f"nothing has inertia against {massless}: the mass matrix is singular"
-    normalised = mass_matrix / np.sqrt(np.outer(inertia, inertia))
+    normalised = mass_matrix / np.sqrt(np.outer(diagonal, diagonal))
     if np.linalg.eigvalsh(normalised)[0] > SMALLEST_EIGENVALUE:
         return None
     return f"the mass matrix is not positive definite: {', '.join(walker.shape)} do not move masses independently"
@@ -548,7 +547,7 @@ def _kinematics(walker: type[Walker]) -> Function:
         "relabel": relabel,
         "relabel_jacobian": slope,
         "relabel_rate": slope @ dq[:n],
-        "mass_matrix": _mass_matrix(mechanism.bodies, q),
+        "mass_matrix": inertia(mechanism.bodies, q, dq)[0],
         "contacts": horzcat(SX(2, 0), *points).T,
         "guard": guard,
         "guard_slope": norm_2(densify(jacobian(guard, q[:n])).T),
@@ -560,15 +559,6 @@ def _kinematics(walker: type[Walker]) -> Function:
         "gap_jacobian": jacobian(gaps, q[:n]),
     }
     return Function("kinematics", [q, dq, p], [*outputs.values()], ["q", "dq", "p"], [*outputs])
-
-
-def _mass_matrix(bodies: Iterable[Body], q: SX) -> SX:
-    """Sum of m J' J and I a' a over the bodies."""
-    M = SX.zeros(q.numel(), q.numel())
-    for body in bodies:
-        J, a = jacobian(body.position, q), jacobian(SX(body.angle), q)
-        M += body.mass * (J.T @ J) + body.inertia * (a.T @ a)
-    return M
 
 
 @built_once(maxsize=8)

@@ -16,7 +16,7 @@ from casadi import SX, cos, sin
 from pydantic import Field
 
 from gaitopt.arrays import Array
-from gaitopt.model.control import TORQUE, Control, Fixed
+from gaitopt.model.control import TORQUE, Control, Fixed, unknown_actuators
 from gaitopt.model.instant import Instant
 from gaitopt.model.reference import Path
 from gaitopt.model.units import DURATION, Duration, Finite, Within
@@ -65,7 +65,7 @@ class Alternating(Control):
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
         """Faults of every law, and halves that name no actuators."""
         yield from super().faults(walker)
-        yield from _unknown(walker, first=self.first, second=self.second)
+        yield from unknown_actuators(walker, first=self.first, second=self.second)
 
     def torques(self, now: Instant) -> Mapping[str, SX]:
         """The parameters of the half."""
@@ -95,7 +95,7 @@ class Oscillating(Control):
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
         """Faults of every law, and sines that are not those of actuators."""
         yield from super().faults(walker)
-        yield from _unknown(walker, mean=self.mean, amplitude=self.amplitude)
+        yield from unknown_actuators(walker, mean=self.mean, amplitude=self.amplitude)
 
     def torques(self, now: Instant) -> Mapping[str, SX]:
         """Feedback on the error of each actuator's angle."""
@@ -107,12 +107,3 @@ class Oscillating(Control):
             rate = size * omega * cos(omega * now.t) - rates[k]
             torques[name] = now.p.kp * error + now.p.kd * rate
         return torques
-
-
-def _unknown(walker: WalkerType, **stated: Mapping[str, float]) -> Iterator[tuple[Path, str]]:
-    """Faults: names that are not actuators."""
-    known = ", ".join(walker.actuators) or "none"
-    for key, values in stated.items():
-        for name in values:
-            if name not in walker.actuators:
-                yield (key, name), f"no actuator is called {name}; there are {known}"

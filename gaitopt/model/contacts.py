@@ -488,10 +488,11 @@ def share_margins(
     static : coefficients of friction by contact.
     """
     structure = constraint_structure(walker, mode)
-    rows = [
-        row.with_values(*_row_of(structure, row.parts[0], forces[row.name], nulls, static[row.name]))
-        for row in _inequalities(walker, mode)
-    ]
+    rows = list[_Inequality]()
+    for row in _inequalities(walker, mode):
+        name = row.parts[0][1]
+        value, coefficients = _row_of(structure, row.parts[0], forces[name], nulls, static[name])
+        rows.append(replace(row, value=value, coefficients=coefficients))
     return [(row.parts, row.value) for row in _without_shares(structure, rows)]
 
 
@@ -511,15 +512,6 @@ class _Inequality:
     coefficients: Any
     sample: Array
     unlike: Array
-
-    @property
-    def name(self) -> str:
-        """The first contact."""
-        return self.parts[0][1]
-
-    def with_values(self, value: Any, coefficients: Any) -> "_Inequality":
-        """The same with g and c."""
-        return replace(self, value=value, coefficients=coefficients)
 
 
 @lru_cache(maxsize=256)

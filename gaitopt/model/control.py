@@ -9,7 +9,7 @@ it reads ``segment data`` r, so that one compiled function serves all segments.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from types import SimpleNamespace
@@ -109,12 +109,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
         """Mistakes in the law for a walker: keys below ``control``, with a message for each."""
-        for name in self.limits:
-            if name not in walker.actuators:
-                yield (
-                    ("limits", name),
-                    f"no actuator is called {name}; there are {', '.join(walker.actuators) or 'none'}",
-                )
+        yield from unknown_actuators(walker, limits=self.limits)
         for name, reference in self.targets.items():
             yield from (((name, *path), message) for path, message in reference.faults(walker))
         if self.step_feedback is not None:
@@ -215,19 +210,24 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
     ] = None
 
 
+def unknown_actuators(walker: WalkerType, **stated: Iterable[str]) -> Iterator[tuple[Path, str]]:
+    """Faults: names below the keys of a law that are not actuators of a walker."""
+    known = ", ".join(walker.actuators) or "none"
+    for key, names in stated.items():
+        unknown = (name for name in names if name not in walker.actuators)
+        yield from (((key, name), f"no actuator is called {name}; there are {known}") for name in unknown)
+
+
 def is_parameter(info: FieldInfo | None) -> bool:
     """Whether a field has parameters: a float, or a mapping from names to floats; None stands for an extra key."""
     if info is None:
         return True
     if Fixed in info.metadata:
         return False
-    value = get_args(info.annotation)[-1] if _is_mapping(info) else info.annotation
-    return value is float or (get_origin(value) is Annotated and get_args(value)[0] is float)
-
-
-def _is_mapping(info: FieldInfo) -> bool:
     origin = get_origin(info.annotation)
-    return isinstance(origin, type) and issubclass(origin, Mapping)
+    is_mapping = isinstance(origin, type) and issubclass(origin, Mapping)
+    value = get_args(info.annotation)[-1] if is_mapping else info.annotation
+    return value is float or (get_origin(value) is Annotated and get_args(value)[0] is float)
 
 
 def parameter_names(law: Control, symbols: SX) -> SimpleNamespace:

@@ -100,8 +100,7 @@ class Dynamics(ReadOnlyArrays):
     @cached_property
     def scales(self) -> Scales:
         """Natural units of the walker."""
-        length, gravity, mass = (float(value[0]) for value in buffered(self.system.size)(self.p))
-        return Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
+        return Scales.of(*(float(value[0]) for value in buffered(self.system.size)(self.p)))
 
     @cached_property
     def state_units(self) -> Array:

@@ -292,7 +292,7 @@ class Expressions:
         names = table.impact_margin_names(mode, before)
         if not names:
             return {}
-        result = self.impact(mode, before)
+        result, n = self.impact(mode, before), len(self.walker.coordinates())
         margins: dict[str, SX] = {
             "impact_regularity": result.regularity,
             "impact_painleve": result.apparent_mass,
@@ -309,7 +309,7 @@ class Expressions:
                     "impulse_cone_forward": static[name] * impulse_n + impulse_t,
                     "impulse_cone_backward": static[name] * impulse_n - impulse_t,
                     "impact_slip_velocity": mode.directions[name] * result.velocities[name][0],
-                    "touchdown_rate": -self._rate_of(contact.gap),
+                    "touchdown_rate": -jtimes(SX(contact.gap), self.z[:n], self.z[n:]),
                     PUSH[2]: -(contact.J @ pushed)[1],
                 }
             if name in mode.touching and table.name("impact_onset", name) in names:
@@ -318,11 +318,6 @@ class Expressions:
             margins |= {table.name(what, name): value for what, value in of_contact.items()}
         margins |= {impulse_name(share_name(share.parts)): share.value for share in result.shares}
         return {name: margins[name] for name in names}
-
-    def _rate_of(self, expression: SX) -> SX:
-        """Time derivative of a function of the coordinates."""
-        n = len(self.walker.coordinates())
-        return jtimes(SX(expression), self.z[:n], self.z[n:])
 
     def reset(self, mode: Mode, before: Mode, *, ends_step: bool) -> SX:
         """The state after a reset has ended a phase, as a function of the state before it, shape (n_z,).

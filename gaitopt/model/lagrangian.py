@@ -19,7 +19,7 @@ in the frame of the nominal ground, in which the state is stated. A foot that st
 y = -x tan d; h of the swing foot is the height of the next tile above that of the stance foot.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
@@ -46,7 +46,7 @@ from casadi import (
 
 from gaitopt.building import built_once
 from gaitopt.model.declaration import check_class, parameter_namespace, symbolic_mechanism
-from gaitopt.model.mechanism import Contact, Mechanism
+from gaitopt.model.mechanism import Body, Contact, Mechanism
 from gaitopt.model.modes import FOOT, SWING_FOOT
 from gaitopt.model.walker import Walker
 
@@ -199,7 +199,7 @@ def _equations(walker: type[Walker], *, uneven: bool) -> EquationsOfMotion:
     names = (*walker.shape, "x", "y")
     dq = vertcat(*(SX.sym(f"d{name}") for name in names))
 
-    M, velocity_terms, kinetic = _inertia(mechanism, q, dq)
+    M, velocity_terms, kinetic = inertia(mechanism.bodies, q, dq)
     weights = (body.mass * dot(mechanism.gravity, body.position) for body in mechanism.bodies)
     potential = SX(mechanism.potential) - sum(weights, SX(0))
     dissipation = sum((SX(d.coefficient) * jtimes(SX(d.across), q, dq) ** 2 for d in mechanism.dampers), SX(0))
@@ -231,7 +231,8 @@ def _equations(walker: type[Walker], *, uneven: bool) -> EquationsOfMotion:
             if mechanism.trailing_foot is not None:
                 mechanism = replace(mechanism, upright=(mechanism.trailing_foot[1] - of[TRAILING]) / length)
             y_on_ground = -tan(of[f"{FOOT}.slope"]) * vertcat(q[-2], dq[-2])
-        tilts = {name: _tilt(of[f"{name}.slope"]) for name in points}
+        slopes = {name: of[f"{name}.slope"] for name in points}
+        tilts = {name: vertcat(horzcat(cos(d), -sin(d)), horzcat(sin(d), cos(d))) for name, d in slopes.items()}
 
     def grounded(expression: SX) -> SX:
         return substitute(expression, vertcat(q[-1], dq[-1]), y_on_ground) if on_ground else expression
@@ -281,11 +282,6 @@ def _point(position: SX, gap: SX, q: SX, dq: SX, R: SX, grounded: Callable[[SX],
     return ContactPoint(**dict(zip(ContactPoint.__slots__, map(grounded, parts), strict=True)))
 
 
-def _tilt(slope: SX) -> SX:
-    """Tangent and normal of a tile with this slope, as rows."""
-    return vertcat(horzcat(cos(slope), -sin(slope)), horzcat(sin(slope), cos(slope)))
-
-
 def _gap(contact: Contact, length: SX) -> SX:
     """The margin that falls to zero when a contact lands."""
     gap = contact.position[1] if contact.gap is None else contact.gap
@@ -301,16 +297,16 @@ def _either(a: SX, b: SX) -> SX:
     return a + b + sqrt(a**2 + b**2)
 
 
-def _inertia(mechanism: Mechanism, q: SX, dq: SX) -> tuple[SX, SX, SX]:
+def inertia(bodies: Iterable[Body], q: SX, dq: SX) -> tuple[SX, SX, SX]:
     """Mass matrix, velocity terms and kinetic energy: sums over the positions and angles of the bodies."""
     M, B, kinetic = SX.zeros(q.numel(), q.numel()), SX.zeros(q.numel()), SX(0)
-    for body in mechanism.bodies:
-        for inertia, place in ((body.mass, body.position), (body.inertia, SX(body.angle))):
+    for body in bodies:
+        for mass, place in ((body.mass, body.position), (body.inertia, SX(body.angle))):
             J = jacobian(place, q)
             rate = J @ dq
-            M += inertia * (J.T @ J)
-            B += inertia * (J.T @ jtimes(rate, q, dq))
-            kinetic += inertia * dot(rate, rate) / 2
+            M += mass * (J.T @ J)
+            B += mass * (J.T @ jtimes(rate, q, dq))
+            kinetic += mass * dot(rate, rate) / 2
     return M, B, kinetic
 
 

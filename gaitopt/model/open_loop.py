@@ -17,7 +17,7 @@ from casadi import SX, dot
 from pydantic import ConfigDict, Field, create_model, model_validator
 
 from gaitopt.arrays import Array
-from gaitopt.model.control import OF_MOTOR, Control, Fixed, SectionType
+from gaitopt.model.control import OF_MOTOR, Control, Fixed, SectionType, unknown_actuators
 from gaitopt.model.declaration import actuator_units, joint_limits
 from gaitopt.model.instant import Instant
 from gaitopt.model.reference import Path
@@ -119,10 +119,7 @@ class OpenLoop(Control):
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
         """Names of motors that the walker does not have, empty ranges, and the number of values."""
         yield from super().faults(walker)
-        for key in ("bounds", "rates"):
-            for name in getattr(self, key):
-                if name not in walker.actuators:
-                    yield (key, name), f"no actuator is called {name}; there are {', '.join(walker.actuators)}"
+        yield from unknown_actuators(walker, bounds=self.bounds, rates=self.rates)
         if self.rates and self.order is Order.CONSTANT:
             yield ("rates",), "limits the rate of torques that jump: write order: linear, or leave rates out"
         for name, (lower, upper) in self.bounds.items():

@@ -364,8 +364,9 @@ class Reference(BaseModel):
         return self.names or walker.tracked
 
     def followed(self, walker: WalkerType) -> Mapping[str, str]:
-        """The angle of the gait in ``source`` for each joint; by default its own."""
-        return {name: name for name in self.followers(walker)}
+        """The angle of the gait in ``source`` for each joint: that in ``joints``, or by default its own."""
+        stated: Mapping[str, str] | None = getattr(self, "joints", None)
+        return stated or {name: name for name in self.followers(walker)}
 
     @property
     def phase_variable(self) -> str:
@@ -744,10 +745,6 @@ class GaitCurves(Reference):
         """The tracked gait."""
         return (self.gait, ("gait",)) if self._known is None else ("", ())
 
-    def followed(self, walker: WalkerType) -> Mapping[str, str]:
-        """The angles that ``joints`` states; by default each joint follows its own angle."""
-        return self.joints or super().followed(walker)
-
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """A degree that is missing."""
         if self.degree is None:
@@ -837,10 +834,6 @@ class FreeCurves(Reference):
     def source(self) -> tuple[str, Path]:
         """The gait from which the curves start."""
         return (self.curve.start or "", ("curve", "start")) if self._known is None else ("", ())
-
-    def followed(self, walker: WalkerType) -> Mapping[str, str]:
-        """The angles that ``joints`` states; by default each joint follows its own angle."""
-        return self.joints or super().followed(walker)
 
     def free_points(self, walker: WalkerType) -> Points:
         """Control points that are unknowns within their bound, with guesses of zero."""

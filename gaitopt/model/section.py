@@ -162,7 +162,7 @@ class Section:
         n = self.indices.size
         if self.stated:
             z, p = SX.sym("z", len(self._walker.state_names())), SX.sym("p", self._n_p)
-            matrix = _stated_tangent(self._walker)(z[self.every_step.indices.tolist()], p)[:, :n]
+            matrix = _stated(self._walker, "tangent")(z[self.every_step.indices.tolist()], p)[:, :n]
         else:
             z, p, J = self._z, self._p, jacobian(self._c[self._rows], self._z)
             matrix = SX.zeros(z.numel(), n)
@@ -173,7 +173,7 @@ class Section:
     def by_parameters(self, z: Array, p: Array) -> Array:
         """Derivative of ``lift`` by the walker's parameters at fixed section coordinates, shape (n_z, n_p)."""
         if self.stated:
-            (flat,) = buffered(_stated_by_parameters(self._walker))(z[self.every_step.indices], p[: self._n_p])
+            (flat,) = buffered(_stated(self._walker, "by_parameters"))(z[self.every_step.indices], p[: self._n_p])
             return flat.reshape(z.size, -1, order="F").copy()
         matrix = np.zeros((z.size, self._n_p))
         (slopes,) = buffered(self._slopes_by_parameters)(z, p[: self._n_p])
@@ -307,25 +307,18 @@ def stated_state(walker: type[Walker], xi: SX, p: SX) -> SX:
     return vertcat(*(values[name] for values in named for name in walker.coordinates()))
 
 
-@built_once(maxsize=8)
 def stated_lift(walker: type[Walker]) -> Function:
     """(xi, p) -> z of ``stated_state``."""
+    return _stated(walker, "lift")
+
+
+@built_once(maxsize=24)
+def _stated(walker: type[Walker], what: str) -> Function:
+    """(xi, p) -> z of ``stated_state``, its derivative by xi, ``tangent``, or by p, ``by_parameters``."""
     xi, p = SX.sym("xi", len(walker.section_names(slipping=True))), SX.sym("p", len(walker.model_fields))
-    return Function("lift", [xi, p], [cse(densify(stated_state(walker, xi, p)))])
-
-
-@built_once(maxsize=8)
-def _stated_tangent(walker: type[Walker]) -> Function:
-    """(xi, p) -> d z / d xi of ``stated_state``; the column of dx is the last."""
-    xi, p = SX.sym("xi", len(walker.section_names(slipping=True))), SX.sym("p", len(walker.model_fields))
-    return Function("tangent", [xi, p], [cse(densify(jacobian(stated_state(walker, xi, p), xi)))])
-
-
-@built_once(maxsize=8)
-def _stated_by_parameters(walker: type[Walker]) -> Function:
-    """(xi, p) -> d z / d p of ``stated_state``."""
-    xi, p = SX.sym("xi", len(walker.section_names(slipping=True))), SX.sym("p", len(walker.model_fields))
-    return Function("by_parameters", [xi, p], [cse(densify(jacobian(stated_state(walker, xi, p), p)))])
+    z = stated_state(walker, xi, p)
+    value = z if what == "lift" else jacobian(z, xi if what == "tangent" else p)
+    return Function(what, [xi, p], [cse(densify(value))])
 
 
 def _filled(xi: Array, size: int) -> Array:

@@ -29,7 +29,7 @@ from gaitopt.model.expressions import Expressions
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.lagrangian import ground_names
 from gaitopt.model.links import state_tree
-from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
+from gaitopt.model.modes import SWING_FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, Section, section_of, stated_state
 from gaitopt.model.step_feedback import Correction
 from gaitopt.model.walker import Walker
@@ -550,10 +550,6 @@ class HybridSystem:
         if segment not in self._data:
             self._data[segment] = self.control.data(segment)
         return self._data[segment]
-
-    def friction_coefficients(self, p: Any) -> tuple[Any, Any, Any]:
-        """Static, kinetic and viscous coefficient from parameters as numbers or symbols; see ``Friction``."""
-        return self.contact_coefficients(p)[FOOT]
 
     def contact_coefficients(self, p: Any) -> dict[str, tuple[Any, Any, Any]]:
         """Static, kinetic and viscous coefficient of every contact by name."""

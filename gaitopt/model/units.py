@@ -34,6 +34,11 @@ class Scales:
     time: float
     mass: float
 
+    @classmethod
+    def of(cls, length: float, gravity: float, mass: float) -> "Scales":
+        """The units of a walker with this length of a leg [m] and total mass [kg] under this gravity [m/s^2]."""
+        return cls(length=float(length), time=math.sqrt(length / gravity), mass=float(mass))
+
     @property
     def speed(self) -> float:
         """Length per time, sqrt(g l) [m/s]."""

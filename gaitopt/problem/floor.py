@@ -12,7 +12,7 @@ of control laws are those of the nominal floor.
 import csv
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
@@ -308,22 +308,16 @@ def _spread(name: str, low: float | None, high: float | None, mean: float | None
 
 def _entries(text: str) -> Iterator[tuple[str, str]]:
     """The entries of a text, each with its quantity; an entry without a name belongs to the quantity before it."""
-    name = ""
-    for piece in _split(text):
+    name, pieces = "", [piece.strip() for piece in re.split(r"[,;](?![^(]*\))", text)]  # not within parentheses
+    if not any(pieces):
+        raise ProblemError("floor: is empty; write for instance friction=0.2, 0.13x2, 0.2")
+    for piece in filter(None, pieces):
         before, sign, after = piece.partition("=")
         name, entry = (before.strip(), after.strip()) if sign else (name, piece)
         if name not in QUANTITIES:
             fault = f"{name!r} is no quantity of a tile" if name else f"{piece!r} has no name"
             raise ProblemError(f"floor: {fault}; write friction=, height= or slope=, such as friction=0.2, 0.13x2, 0.2")
         yield name, entry
-
-
-def _split(text: str) -> Iterable[str]:
-    """The pieces of a text between the commas and semicolons that are outside of parentheses."""
-    pieces = [piece.strip() for piece in re.split(r"[,;](?![^(]*\))", text)]
-    if not any(pieces):
-        raise ProblemError("floor: is empty; write for instance friction=0.2, 0.13x2, 0.2")
-    return [piece for piece in pieces if piece]
 
 
 def _value(name: str, value: str, unit: str | None, kinetic: str | None) -> Coefficients:

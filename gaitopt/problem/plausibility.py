@@ -37,12 +37,7 @@ from gaitopt.model.virtual_constraints import Law, VirtualConstraints
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key
 from gaitopt.problem.scalars import SCALARS, SLIPLESS_STEP
-from gaitopt.problem.schema import (
-    FrictionCoefficients,
-    HeadSection,
-    friction_section,
-    state_section,
-)
+from gaitopt.problem.schema import HeadSection, state_section
 from gaitopt.problem.statement import ProblemStatement
 from gaitopt.threads import Uncompared
 
@@ -306,14 +301,9 @@ def _spans(problem: ProblemStatement) -> Iterator[Span]:
     walker, state = problem.walker, state_section(type(problem.walker))
     control = law_section(type(problem.control), type(walker))
     yield from _section_spans((), HeadSection, {"friction": problem.friction})
-    if isinstance(problem.friction, FrictionCoefficients):
-        yield from _section_spans(("friction",), FrictionCoefficients, vars(problem.friction))
-    elif isinstance(problem.friction, Mapping):
-        for name, friction in problem.friction.items():
-            if isinstance(friction, FrictionCoefficients):
-                yield from _section_spans(("friction", name), FrictionCoefficients, vars(friction))
-            else:
-                yield from _section_spans(("friction",), friction_section((name,)), {name: friction})
+    for name, law in problem.friction.items() if isinstance(problem.friction, Mapping) else ():
+        if isinstance(law, BaseModel):
+            yield from _section_spans(("friction", name), type(law), vars(law))
     yield from _section_spans(("walker",), type(walker), vars(walker))
     if problem.start is not None:
         yield from _section_spans(STATE if problem.has_gait else ("state",), state, problem.start.state)

@@ -53,7 +53,7 @@ from gaitopt.problem.schema import (
     is_angle,
     state_section,
 )
-from gaitopt.problem.statement import FirstGuess, Free, Guess, OpenSequence, Over, Range, Until
+from gaitopt.problem.statement import Free, Guess, OpenSequence, Over, Range, Until
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -462,10 +462,8 @@ class _StatementReader:
         values["dx"] = GUESSED_SLIP * impact.direction * -lead / section.duration
         names = model.section_names(slipping=impact.slips)
         state = self._read_state({name: values[name] for name in names}, impact)
-        stated = tuple(dict(posture) for posture in section.postures or ())
-        known = FirstGuess(step_length=section.step_length, duration=section.duration, postures=stated)
         durations = tuple(section.duration / len(step.phases) for step in steps for _ in step.phases)
-        return None if state is None else Guess(state=state, durations=durations, first=known)
+        return None if state is None else Guess(state=state, durations=durations, first=section)
 
     def _posture(self, model: type[Walker], posture: Mapping[str, float], number: int) -> Array:
         """A posture as an array, in which a missing coordinate is nan."""

@@ -426,17 +426,14 @@ def _controls(walkers: Any) -> list[dict[str, Any]]:
             description = (law.__doc__ or "").strip().partition("\n")[0].rstrip(".")
             stated["properties"] = {"type": {"const": name, "description": description}, **stated["properties"]}
             stated["required"] = sorted({*stated.get("required", []), "type"})
-            alike = next((one for one in laws if _same_law(one, stated)), None)
+            kind, required = stated["properties"]["type"], stated["required"]
+            same = (one for one in laws if one["properties"]["type"] == kind and one["required"] == required)
+            alike = next(same, None)
             if alike is None:
                 laws.append(stated)
             else:  # the same law with the keys of another walker's motors: a file must match exactly one entry
                 alike["properties"] |= stated["properties"]
     return laws
-
-
-def _same_law(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether two entries state a law of the same type with the same required keys."""
-    return bool(one["required"] == other["required"] and one["properties"]["type"] == other["properties"]["type"])
 
 
 def _has_motors(law: Mapping[str, Any]) -> bool:

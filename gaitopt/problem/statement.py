@@ -130,28 +130,6 @@ class Until:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FirstGuess:
-    """A guess that states the duration of a step and its postures or its length, because no state is known.
-
-    Attributes
-    ----------
-    step_length : distance of the feet [m]; None if there are postures.
-    duration : duration of the step [s].
-    postures : shape coordinates by name at equal times, from just after one impact to just before the next.
-    """
-
-    step_length: float | None
-    duration: float
-    postures: tuple[Mapping[str, float], ...] = ()
-
-    @property
-    def data(self) -> dict[str, Any]:
-        """The data as in a problem file."""
-        known: dict[str, Any] = {"step_length": self.step_length, "postures": [dict(each) for each in self.postures]}
-        return {key: value for key, value in known.items() if value} | {"duration": self.duration}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Guess:
     """First guess of a gait.
 
@@ -166,7 +144,7 @@ class Guess:
 
     state: Mapping[str, float]
     durations: tuple[float, ...] | None
-    first: FirstGuess | None = None
+    first: FirstGuessSection | None = None
     whole: bool = False
 
 
@@ -349,13 +327,14 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
         gait |= {} if modes.steps == 1 else {"steps": modes.steps}
     else:
         gait = cycle_data(modes)
-    gait |= _section_data(problem.cycle_end)
+    if problem.cycle_end != TOUCHDOWN:
+        gait["section"] = CLOCK if problem.cycle_end == CLOCK else {"margin": problem.cycle_end}
     if start is not None and problem.has_gait:
         names = guessed_names(type(problem.walker), modes, problem.cycle_end, start.state["dx"])
         gait["guess"] = {"state": {name: start.state[name] for name in dict.fromkeys((*names, "x"))}}
         gait["guess"] |= {} if start.durations is None else {"durations": list(start.durations)}
         if start.first is not None:
-            gait["guess"] = start.first.data
+            gait["guess"] = start.first.model_dump(mode="json", exclude_none=True)
     data: dict[str, Any] = {
         "name": problem.name,
         "about": problem.about,
@@ -404,13 +383,6 @@ def guessed_names(
         return section_of(walker, modes.phases[-1], modes.impact, cycle_end).defining_names
     stated = has_stated_sections(walker, cycle_end)
     return walker.section_names(slipping=dx != 0) if stated else walker.state_names()
-
-
-def _section_data(cycle_end: str) -> dict[str, Any]:
-    """The key ``section`` of a gait as in a file; it is left out if a touchdown ends the cycle."""
-    if cycle_end == TOUCHDOWN:
-        return {}
-    return {"section": CLOCK if cycle_end == CLOCK else {"margin": cycle_end}}
 
 
 def cycle_data(cycle: Cycle) -> dict[str, Any]:

@@ -17,12 +17,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from casadi import DM, MX, Callback, Function, Sparsity, diag, horzcat, jacobian, nlpsol, nlpsol_out, vertcat
+from casadi import MX, Function, Sparsity, diag, horzcat, jacobian, nlpsol, nlpsol_out, vertcat
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.building import BUILDING, Freed, building
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
+from gaitopt.model.buffered import NumericFunction
 from gaitopt.requests import IPOPT_ITERATIONS
 from gaitopt.solver.shooting import Label
 from gaitopt.threads import cached_property
@@ -354,41 +355,28 @@ def _entries(blocks: Sequence[Block], name: str) -> Array:
     return np.concatenate([np.broadcast_to(getattr(block, name), block.expression.numel()) for block in blocks])
 
 
-class _Watch(Callback):
+class _Watch(NumericFunction):
     """Reports every iteration, and stops IPOPT on request."""
 
     def __init__(self, n_w: int, n_g: int, n_p: int) -> None:
-        super().__init__()
-        self._sizes = {"x": n_w, "f": 1, "g": n_g, "lam_x": n_w, "lam_g": n_g, "lam_p": n_p}
+        sizes = {"x": n_w, "f": 1, "g": n_g, "lam_x": n_w, "lam_g": n_g, "lam_p": n_p}
+        lengths = [sizes[nlpsol_out(i)] for i in range(len(sizes))]
+        super().__init__("watch", lengths, [Sparsity.dense(1, 1)], self._report)
         self.begin(np.full(n_g, -np.inf), np.full(n_g, np.inf), None, None)
-        self.construct("watch", {})
 
     def begin(self, lower: Array, upper: Array, progress: Valued, should_stop: Stop) -> None:
         """Count iterations from zero; violations are those of these bounds of g."""
         self._iteration, self._lower, self._upper = 0, lower, upper
         self._progress, self._should_stop = progress, should_stop
 
-    def get_n_in(self) -> int:
-        """Number of inputs that CasADi passes."""
-        return len(self._sizes)
-
-    def get_n_out(self) -> int:
-        """One output: nonzero stops IPOPT."""
-        return 1
-
-    def get_sparsity_in(self, i: int) -> Sparsity:
-        """Shape of an input."""
-        return Sparsity.dense(self._sizes[nlpsol_out(i)], 1)
-
-    def eval(self, arg: Sequence[DM]) -> list[DM]:
+    def _report(self, x: Array, f: Array, g: Array, *multipliers: Array) -> list[float]:
         """Report an iteration; a value other than zero stops IPOPT."""
         try:
             if self._progress is not None:
-                g = np.asarray(arg[2]).ravel()
                 violation = max(np.max(self._lower - g, initial=0.0), np.max(g - self._upper, initial=0.0))
                 self._progress(self._iteration, float(violation))
             self._iteration += 1
             stop = self._should_stop is not None and self._should_stop()
         except KeyboardInterrupt:  # CasADi would swallow it
             stop = True
-        return [DM(float(stop))]
+        return [float(stop)]
