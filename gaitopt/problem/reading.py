@@ -417,12 +417,7 @@ class _StatementReader:
         """The end of a simulation."""
         data = self._data.get("until")
         section = None if data is None else self._section(UntilSection, data, ("until",))
-        if section is None:
-            return None
-        if not section.model_fields_set:
-            self._fault(("until",), "is empty: give time, steps or events")
-            return None
-        return Until(time=section.time, steps=section.steps, events=section.events)
+        return None if section is None else Until(time=section.time, steps=section.steps, events=section.events)
 
     def _read_first_guess(self, data: Mapping[str, Any], steps: Sequence[StepSection]) -> Guess | None:
         """A guess that follows from postures, between which the shape changes linearly, or from the step length."""
@@ -668,28 +663,18 @@ class _StatementReader:
         if guess is None or self._model is None:
             return sequence, None
         if not has_section:
-            return sequence, self._read_whole_state(self._model, guess, path)
+            stated = self._stated_state(self._model, guess.state, (*path, "state"))
+            for name in () if stated is None else stated[1][:1]:
+                needed = ", ".join(self._model.state_names())
+                words = f"is missing; where the modes are open, the state needs {needed}"
+                self._fault((*path, "state", name), words)
+            return sequence, None if stated is None or stated[1] else Guess(state=stated[0], durations=None)
         if guess.durations is not None:
             self._fault((*path, "durations"), "the phases are open: leave the durations out")
         slip = guess.state.get("dx", 0.0)
         impact = Mode.slip(slip) if isinstance(slip, int | float) and slip else Mode.STICK
         state = self._read_state(guess.state, impact)
         return sequence, None if state is None else Guess(state=state, durations=None)
-
-    def _read_whole_state(self, model: type[Walker], guess: GuessSection, path: Key) -> Guess | None:
-        """The guess of an open sequence whose section follows from the modes.
-
-        It has all coordinates and rates; x may be left out.
-        """
-        stated = self._stated_state(model, guess.state, (*path, "state"))
-        if stated is None:
-            return None
-        given, missing = stated
-        if missing:
-            needed = ", ".join(model.state_names())
-            self._fault((*path, "state", missing[0]), f"is missing; where the modes are open, the state needs {needed}")
-            return None
-        return Guess(state=given, durations=None)
 
     def _stated_state(self, model: type[Walker], data: Any, path: Key) -> tuple[dict[str, float], list[str]] | None:
         """The values of a state in the order of its names, in which x may be left out, and the names that it lacks."""
@@ -950,14 +935,8 @@ class _StatementReader:
         span = self._section(AngleRangeSection if angle else RangeSection, value, path)
         if span is None:
             return None
-        if span.min is None and span.max is None:
-            self._fault(path, "has neither min nor max: give one or both")
-            return None
-        minimum = -math.inf if span.min is None else span.min
-        maximum = math.inf if span.max is None else span.max
-        if minimum > maximum:
-            self._fault(path, f"is empty: min = {minimum:g} is above max = {maximum:g}")
-        return Range(minimum=minimum, maximum=maximum)
+        lowest = -math.inf if span.min is None else span.min
+        return Range(minimum=lowest, maximum=math.inf if span.max is None else span.max)
 
     def _check_unknowns(self, objective: Mapping[str, float], constraints: Mapping[str, Range]) -> None:
         """Check that the number of unknowns suits the objective and the constraints.

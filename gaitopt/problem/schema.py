@@ -225,6 +225,12 @@ class UntilSection(Section):
         int | None, Field(strict=True, ge=1, le=1_000_000, description="number of events: mode changes and impacts")
     ] = None
 
+    @model_validator(mode="after")
+    def _has_an_end(self) -> Self:
+        if not self.model_fields_set:
+            raise ValueError("is empty: give time, steps or events")
+        return self
+
 
 class FreeSection(Section):
     """An unknown in place of a number."""
@@ -238,6 +244,14 @@ class RangeSection(Section):
 
     min: Annotated[Number | None, Field(description="lower bound, none if left out")] = None
     max: Annotated[Number | None, Field(description="upper bound, none if left out")] = None
+
+    @model_validator(mode="after")
+    def _has_values(self) -> Self:
+        if self.min is None and self.max is None:
+            raise ValueError("has neither min nor max: give one or both")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise ValueError(f"is empty: min = {self.min:g} is above max = {self.max:g}")
+        return self
 
 
 class AngleRangeSection(RangeSection):

@@ -87,6 +87,8 @@ RATES = {"power": "work", "absolute_power": "work", "squared_torque": "torque_sq
 """For the rate of every integral, a scalar with the unit of the integral."""
 LENGTHS = ("m", "J")
 """Units of distance, and of the work of the push."""
+UNITS = {DURATION: "s", CLOCK: "s", POWER: "W", CLEARANCE: "m"}
+"""Units of those rows whose names are neither scalars nor margins."""
 SAMPLES = 12
 """Number of points per interval at which margins are examined between the collocation points."""
 
@@ -242,18 +244,12 @@ class Collocation:
                 unit = unit_of(RATES[self.goals.rates[run]], self.system)
             elif name == "lengths":
                 unit = LENGTHS[run]
-            elif name == DURATION:
-                unit = "s"
-            elif name == POWER:
-                unit = "W"
-            elif name == CLEARANCE:
-                unit = "m"
+            elif name in UNITS:
+                unit = UNITS[name]
             elif name.startswith(ANGLE):
                 unit = "rad"
             elif name.startswith("control."):
                 unit = unit_of(name, self.system)
-            elif name == CLOCK:
-                unit = "s"
             elif label.mode is not None and name not in SCALARS:
                 unit = SI[margin(name).unit]
             else:
