@@ -5,11 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 Stop = Callable[[], bool] | None
-"""Polled during a computation; True stops it, None lets it finish."""
+"""A function that is polled during a computation: if it returns True, the computation stops. None lets it finish."""
 Counted = Callable[[int, int], None] | None
-"""Called with the number of finished jobs and the total number."""
+"""A function that is called with the number of finished jobs and their total number."""
 Valued = Callable[[int, float], None] | None
-"""Called with a number and a value: iteration and violation of a solution, or gaits and parameter of a family."""
+"""A function of a number and a value: iteration and violation of a solution, or gaits and parameter of a family."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

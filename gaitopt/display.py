@@ -21,7 +21,7 @@ BACKEND = "gaitopt.api.pictures"
 
 
 ALL_DIGITS = 17
-"""This many digits distinguish any two doubles."""
+"""Number of digits that distinguish any two doubles."""
 FRAME_HEIGHT = 620
 """Height of a page inside a notebook [pixels]."""
 

@@ -72,8 +72,8 @@ FINEST_AGREEMENT, COARSEST_AGREEMENT = 1e-13, 1e-4
 """Bounds of the tolerance of a verification. A smaller one is below rounding; with a larger one another gait could
 pass."""
 NEWTON_STEPS = 9
-"""Default of the largest number of Newton steps. A search whose steps halve from the longest allowed one on converges
-quadratically long before."""
+"""Default of the largest number of Newton steps. Each step is at most half as long as the one before, and the search
+converges quadratically well before this number."""
 IPOPT_ITERATIONS = 300
 """Default of the largest number of iterations of IPOPT in a search for a motion; a successful one takes about ten."""
 INTERVALS = 14

@@ -37,13 +37,13 @@ from gaitopt.solver.solve import OTHER_METHODS, free_parameters, solve_gait
 from gaitopt.threads import Uncompared
 
 FLOW_PERIODS = 2
-"""A reference with ``beyond_end: flow`` is extended past its end by this many periods; no step takes longer."""
+"""Number of periods by which a reference with ``beyond_end: flow`` is extended past its end; no step takes longer."""
 FLOW_POINTS = 33
-"""Number of Chebyshev points of a piece of this extension; a piece that they do not resolve is halved."""
+"""Number of Chebyshev points of a piece of such an extension; a piece that they do not resolve is halved."""
 FITTED_POINTS = 101
 """Number of points at which curves are fitted to the motion of a gait."""
 SHORTEST_PIECE = 1 / 64
-"""Length of the shortest piece in periods; a motion that is not smooth on this scale is not a walk."""
+"""Length of the shortest piece of an extension in periods; a motion that is not smooth on this scale is not a walk."""
 MAX_SYSTEMS = 16
 """Number of systems in the cache with their compiled functions, some megabytes each."""
 

@@ -19,9 +19,9 @@ from rich.progress import (
 from gaitopt.display import counted
 
 FULL_BAR = 1e-10
-"""The bar of a solver is full at this constraint violation."""
+"""Constraint violation at which the bar of a solver is full."""
 MOST_PREDICTED_BY_FIRST = 10
-"""If there are more jobs than this, the time of the first one does not predict the remaining time."""
+"""Largest number of jobs for which the time of the first one predicts the remaining time."""
 FIRST_LINES = 10
 """Number of iterations that have a line each if the output is not a terminal."""
 LINE_EVERY = 5.0

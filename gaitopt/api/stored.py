@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 SPECIAL, ATTRACTOR = "@special.", "@attractor."
 """Texts between a run folder and the number of a special point of its branch, or of an attractor of its basin."""
 BEST_FILE = "best.json"
-"""The point where a failed design ended."""
+"""Name of the file with the point where a failed design ended."""
 REPLAY = "replay-"
 """Names of files with replays start with this text; the name of the engine follows."""
 

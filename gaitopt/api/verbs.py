@@ -93,7 +93,7 @@ Over = Mapping[str, tuple[float | str, float | str, int]]
 """Lower and upper end and number of values of each dotted key; angles may be texts such as ``"2 deg"``."""
 
 CERTIFICATE_FILE = "proof.json"
-"""The certificate of a proof in the run folder of its gait."""
+"""Name of the file with the certificate of a proof in the run folder of its gait."""
 STEP_BYTES_MEMORY, STEP_BYTES_DISK = 40_000, 20_000
 """Estimated size of one simulated step in memory, and on the disk as rows of a table [bytes]."""
 

@@ -40,9 +40,9 @@ PREFIXES = {
 }
 """Text before a message, by the argument of the library function that the error concerns."""
 SUFFIXES = {"output": " with -o"}
-"""Text after a message, likewise."""
+"""Text after a message, by the argument of the library function that the error concerns."""
 FLAGS = {"time_steps": "--dt", "parameter": "--param", "key": "--param"}
-"""Options that have another name than the argument of the library function."""
+"""Name of the option for arguments of the library function that are called differently on the command line."""
 
 Shared = tuple[str, Any]
 JSON: Shared = (

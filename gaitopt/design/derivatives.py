@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SMALLEST_DISTANCE = 1e-6
-"""Two multipliers that are closer than this, relative to the largest one or to one, are a double multiplier: rounding
-of the return map moves it by the root of the rounding."""
+"""Distance, relative to the largest multiplier or to one, below which two multipliers are a double one: rounding of the
+return map moves it by the root of the rounding."""
 LARGEST_DERIVATIVE = 1e9
-"""The gait is at a fold if the derivative of a state, in natural units and relative to the parameter, exceeds this."""
+"""Derivative of a state, in natural units and relative to the parameter, above which the gait is at a fold."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -590,7 +590,7 @@ def _extremes(
 
 
 def _at_root(curve: DifferentiatedCurve, of: DifferentiatedCurve, root: float) -> tuple[float, Array]:
-    """Value and gradient of a curve at a root of another one, which moves along the arc, or at the start of the arc."""
+    """Value and gradient of a curve at a root of another one, which moves along the arc; or at the start of the arc."""
     (value,), (slope,) = curve.at(np.array([root]))
     if root > -1:
         rates = [float(curves.slopes(each.values, np.array([root]))[0]) for each in (curve, of)]

@@ -29,7 +29,7 @@ from gaitopt.paper.gaits import (
 
 PAPER = "gamus-or-2013"
 TABLE = "table"
-"""The part that is not a figure."""
+"""Name of the table, which is the only part beside the figures."""
 OVER_FRICTION = ("fig4", "fig9", "fig11", "fig12")
 """Figures that show families; the others show gaits."""
 

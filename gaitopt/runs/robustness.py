@@ -46,7 +46,7 @@ WHAT = ("range", "patch", PUSH, "sensitivity", FALLS)
 WALKS_AT_ONCE = 500
 """Number of walks in one job that counts falls. Such a job takes a few seconds; a kill loses no more work than that."""
 SPREAD = 0.2
-"""By default, random friction differs from the nominal one by at most this part of it."""
+"""Largest difference of random friction from the nominal one by default, relative to the nominal one."""
 UNLIKELY = 0.5 * 2**0.5
 """A value that no problem states. A parameter is checked by a request to continue to this value, which is not run."""
 MANY_STEPS = 1_000_000

@@ -28,9 +28,9 @@ STABLE_LINE: dict[str, Any] = {"color": COLOURS[0], "linewidth": 1.8}
 UNSTABLE_LINE: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.2, "linestyle": UNSTABLE}
 """Lines of stable and of unstable gaits of branches."""
 SMALLEST_RADIUS = 1e-300
-"""A smaller spectral radius, whose logarithm may be infinite, is drawn as this number."""
+"""Smallest spectral radius whose logarithm is drawn; that of zero would be infinite."""
 CHAOTIC_EXPONENT = 0.0
-"""Neighbouring walks diverge if the Lyapunov exponent is larger."""
+"""Lyapunov exponent above which neighbouring walks diverge."""
 
 
 def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Sequence[Record]]) -> Figure:

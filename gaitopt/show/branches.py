@@ -274,7 +274,7 @@ def _along(corners: Array) -> Array:
 
 
 def multiplier_plane(named: Mapping[str, Multipliers]) -> Figure:
-    """Multipliers of one or several gaits by name."""
+    """The multipliers of gaits in the complex plane, by the names of the gaits."""
     figure, axes, handles = _plane()
     reach = SMALLEST_REACH
     for k, (name, values) in enumerate(named.items()):
@@ -302,7 +302,7 @@ def multiplier_plane(named: Mapping[str, Multipliers]) -> Figure:
 
 
 def multiplier_paths(records: Sequence[Record], parameter: Parameter) -> Figure:
-    """Multipliers of every point of a branch, coloured by the parameter.
+    """The multipliers of every point of a branch in the complex plane, coloured by the parameter.
 
     Rings with the value of the parameter mark the multipliers on the unit circle at special points.
     """

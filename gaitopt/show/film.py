@@ -55,11 +55,11 @@ matters."""
 CODES = 8191
 """Largest code of a packed number; a chart on a page is some 300 pixels high."""
 RIGID = 1e-9
-"""Two points belong to one rigid part if the relative change of their distance is smaller."""
+"""Relative change of the distance of two points below which they belong to one rigid part."""
 COINCIDENT = 1e-9
-"""Points whose distance is smaller coincide [m]."""
+"""Distance below which two points coincide [m]."""
 ROUNDING = 1e-9
-"""Points at a smaller distance [m] are the same up to rounding."""
+"""Largest distance of two points that differ by rounding only [m]."""
 MAGNIFICATIONS = (100, 50, 20, 10, 5, 2)
 """Magnifications of the magnifier; the largest one is chosen in which the longest slip fits."""
 FITS = 0.3

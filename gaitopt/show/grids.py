@@ -47,13 +47,13 @@ CROSS_HEIGHT, MARGIN = 0.03, 0.02
 BOUNDARY_COLOUR = "#d55e00"
 """Colour of the line where stability is lost; it stands out from all colours of the map."""
 OUTLIER_DISTANCE = 3.0
-"""Values that are farther from the quartiles than this, in the distance between the quartiles, are outliers; most often
-they belong to another branch."""
+"""Distance from the quartiles, relative to the distance between them, beyond which a value is an outlier; most outliers
+belong to another branch."""
 EQUAL_SPREAD, HALF_SCALE = 1e-9, 0.01
 """Relative spread below which all values count as equal, and half width of the colour scale around them, relative to
 them."""
 BOUNDARY = 1.0
-"""Stability is lost at this modulus of the largest multiplier."""
+"""Modulus of the largest multiplier at which stability is lost."""
 ON_FRONT, BEATEN = "o", "s"
 """Markers of the designs of a front, and of those that another design beats."""
 FAILURES = (

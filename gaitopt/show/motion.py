@@ -192,6 +192,6 @@ def points_of(steps: Sequence[Step]) -> tuple[Array, Array]:
 
 
 def thinned(times: Array, states: Array) -> tuple[Array, Array]:
-    """At most ``POINTS_SHOWN`` of many points: evenly spaced ones, with the first and the last."""
+    """At most ``POINTS_SHOWN`` of many points: the first, the last, and others evenly spaced by number."""
     shown = np.unique(np.linspace(0, len(times) - 1, min(len(times), POINTS_SHOWN)).round().astype(int))
     return times[shown], states[shown]

@@ -87,7 +87,7 @@ LARGEST_DISC = 0.07
 
 
 def movie(motion: Motion, extension: str) -> bytes:
-    """The file of a movie.
+    """The bytes of a movie as a file.
 
     Parameters
     ----------

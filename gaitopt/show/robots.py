@@ -111,7 +111,7 @@ def _urdf(walker: Walker, links: list[dict[str, Any]]) -> Element:
 
 
 def _inertial(link: Element, com: tuple[float, float], mass: float, inertia: float) -> None:
-    """Mass and moment of inertia, zeros included: PyBullet gives a link without them a mass of 1 kg."""
+    """Write mass and moment of inertia, even if they are zero: PyBullet gives a link without them a mass of 1 kg."""
     inertial = SubElement(link, "inertial")
     SubElement(inertial, "origin", xyz=_place(com))
     SubElement(inertial, "mass", value=repr(mass))

@@ -50,7 +50,7 @@ UNFOLD = "--all lists them"
 GAP = 3
 """Number of characters between two columns."""
 LARGEST_ZERO = 1e-12
-"""Smaller numbers are shown as zero: they are rounding in all units of these tables."""
+"""Size below which a number is shown as zero, because it is rounding in all units of these tables."""
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
 MODES = "phases; impact"
 LIST_COLUMNS = ("problem", "walker", MODES, "period [s]", "radius", "", "about")
@@ -65,7 +65,7 @@ AGGREGATES = {"worst": "worst over {}", "mean": "mean over {}", "at": "at {} = {
 STABILITY = {True: "stable", False: "unstable"}
 FOUND_BY = {"newton": "Newton's method", "ipopt": "IPOPT"}
 CHAOTIC = 1e-3
-"""A motion without a period is chaos if its Lyapunov exponent is larger; with a smaller one it may be a torus."""
+"""Lyapunov exponent above which a motion without a period is chaos; below it the motion may be a torus."""
 SHOWN_DIGEST = 16
 """Number of digits of a problem's SHA-256 in a table."""
 LONGEST_BOUND = 15

@@ -206,7 +206,7 @@ RECORDS = ".jsonl"
 CODE_DIGITS = 4
 """Number of hexadecimal digits in the code of a line."""
 MOST_CODES = 20_000
-"""Only this many lines of a file have a code, because each code makes the manifest longer."""
+"""Largest number of lines of a file that have a code; each code makes the manifest longer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -60,8 +60,8 @@ GAIT_FILE, WALK_FILE = "gait.json", "walk.json"
 GAIT_FILES, WALK_FILES = (GAIT_FILE, "trajectory.csv"), (WALK_FILE, "walk.csv")
 """Record and table of a gait, and of a simulated walk."""
 LONGEST_NAME = 60
-"""Largest number of characters of a problem's name in the name of its folder. With four bytes each, they fit every file
-system."""
+"""Largest number of characters of a problem's name in the name of its folder. Even with four bytes each, such a name
+fits every file system."""
 FORMAT = "gaitopt run"
 SCHEMA = 2
 """Version of the layout of a run folder. It is raised if older readers would misread a folder; 2 introduced

@@ -20,9 +20,9 @@ from typing import Any
 from gaitopt.errors import UnknownNameError
 
 ALLOWED_DEATHS = 2
-"""A job is repeated after the death of its worker up to this many times, and given up after the next death."""
+"""Number of times that a job is repeated after the death of its worker; after the next death it is given up."""
 GRACE = 0.5
-"""A worker that has not ended by itself after this time is killed [s]."""
+"""Time after which a worker that has not ended by itself is killed [s]."""
 CONNECT_TIMEOUT = 10
 """Time limit for the answer of a scheduler [s]."""
 CLOSE_TIMEOUT = 10
