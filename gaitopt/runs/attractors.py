@@ -23,7 +23,6 @@ from gaitopt.gait.branch import BranchPoint
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import AttractorsRecord, SettledRecord
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit, unit_of
 from gaitopt.requests import AttractorsRequest, entries
@@ -38,7 +37,7 @@ from gaitopt.store.formats import json_file, validated
 from gaitopt.store.run import Run
 from gaitopt.systems import solve_sequence
 from gaitopt.threads import Uncompared, cached_property
-from gaitopt.verification.step_map import section_coordinates, step_map
+from gaitopt.verification.step_map import StepMap, section_coordinates, step_map
 from gaitopt.workers.jobs import Job, ResumableJobs, key_of
 
 if TYPE_CHECKING:
@@ -188,8 +187,7 @@ def settle_job(
         known.append(gait.state[[gait.system.state_names.index(name) for name in names]])
     if problem.start is not None:
         known.append(np.array([problem.start.state[name] for name in names]))
-    starts = _starts if mapped.is_stated else _starts_on_ground
-    xi = np.array([*islice(starts(problem, mapped.dynamics, known, rng), request.starts)])
+    xi = np.array([*islice(_starts(problem, mapped, known, rng), request.starts)])
     xi = section_coordinates(problem, xi) if mapped.is_stated else xi
     runs, endings = settled(mapped, xi, transient=request.transient, keep=request.keep, should_stop=should_stop)
     found = [
@@ -249,31 +247,29 @@ def _branch(problem: Problem, axis: Axis, stop: Uncompared[Stop]) -> tuple[Branc
     return tuple(points)
 
 
-def _starts(problem: Problem, dynamics: Dynamics, known: Sequence[Array], rng: Any) -> Iterator[Array]:
-    """Start states: the ``known`` ones, then in turn states around each of them, and random ones."""
-    box = start_box(problem, dynamics, {})
-    yield from known
-    sticks = problem.is_open or problem.cycle.impact.sticks
-    while True:
-        for state in known:
-            for spread in START_DISTANCES:
-                near = state * (1 + spread * rng.uniform(-1, 1, state.size))
-                yield near
-        anywhere = rng.uniform(box.lower, box.upper)
-        anywhere[-1] *= not sticks
-        yield anywhere
+def _starts(problem: Problem, mapped: StepMap, known: Sequence[Array], rng: Any) -> Iterator[Array]:
+    """Start states: the ``known`` ones, then in turn states around each of them, and random ones.
 
-
-def _starts_on_ground(problem: Problem, dynamics: Dynamics, known: Sequence[Array], rng: Any) -> Iterator[Array]:
-    """Whole states: those ``known``, then others around them in which the same contacts are on the ground."""
+    Around a whole state, the same contacts are on the ground.
+    """
+    dynamics = mapped.dynamics
+    box = start_box(problem, dynamics, {}) if mapped.is_stated else None
     yield from known
     while True:
         for state in known:
             for spread in START_DISTANCES:
+                if box is not None:
+                    yield state * (1 + spread * rng.uniform(-1, 1, state.size))
+                    continue
                 near = on_ground(dynamics, state, spread * dynamics.state_units * rng.uniform(-1, 1, state.size))
                 yield near if np.isfinite(near).all() else state
-        anywhere = around_guess(problem, dynamics, 1, rng, exact=False, within={})
-        yield from anywhere[np.isfinite(anywhere).all(axis=1)]
+        if box is not None:
+            anywhere = rng.uniform(box.lower, box.upper)
+            anywhere[-1] *= not (problem.is_open or problem.cycle.impact.sticks)
+            yield anywhere
+        else:
+            around = around_guess(problem, dynamics, 1, rng, exact=False, within={})
+            yield from around[np.isfinite(around).all(axis=1)]
 
 
 def _names(problem: Problem) -> tuple[str, ...]:
