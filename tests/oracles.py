@@ -301,6 +301,13 @@ CASES = {
 }
 
 
+def state_for(mode: Mode, z: Array) -> Array:
+    """A state that is possible in a mode: the foot at rest, or moving in the slip's direction."""
+    z = z.copy()
+    z[-1] = mode.direction * abs(z[-1])
+    return z
+
+
 def numbers(values: object) -> list[Array]:
     """Results of a compiled function as flat arrays, or as matrices where they have several columns."""
     arrays = [np.asarray(value) for value in (values if isinstance(values, tuple | list) else (values,))]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from combined_walkers import FEET, NamedCompass, NamedUnequal
 from contact_walkers import passive
-from oracles import CASES, COMPASS, FRICTION, SLIPS, WHEEL, Case, compass_oracle, directional, numbers
+from oracles import CASES, COMPASS, FRICTION, SLIPS, WHEEL, Case, compass_oracle, directional, numbers, state_for
 
 from gaitopt import Walker
 from gaitopt.model.control import ConstantTorque
@@ -20,13 +20,6 @@ MODES = CONTACTS
 @pytest.fixture(params=CASES.values(), ids=CASES)
 def case(request: pytest.FixtureRequest) -> Case:
     return request.param
-
-
-def state_for(mode: Mode, z: Array) -> Array:
-    """A state that is possible in a mode: the foot at rest, or moving in the slip's direction."""
-    z = z.copy()
-    z[-1] = mode.direction * abs(z[-1])
-    return z
 
 
 def flow_and_force(case: Case, mode: Mode, z: Array) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from oracles import CASES, Case, differences, directional, numbers
+from oracles import CASES, Case, differences, directional, numbers, state_for
 
 from gaitopt.model.curve import BeyondEnd, Piece, continued
 from gaitopt.model.modes import CONTACTS, Mode
@@ -14,13 +14,6 @@ from gaitopt.model.walkers.compass_biped import CompassBiped
 
 Array = np.ndarray
 MODES = CONTACTS
-
-
-def state_for(mode: Mode, z: Array) -> Array:
-    """A state that is possible in a mode: the foot at rest, or moving in the slip's direction."""
-    z = z.copy()
-    z[-1] = mode.direction * abs(z[-1])
-    return z
 
 
 def tracking_compass() -> tuple[HybridSystem, Array, Array]:

@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 from contact_problems import sled
 from foot_impacts import foot_impact
 from numpy.typing import NDArray
+from oracles import passive_system
 
 from gaitopt import ImpactLaw, Mode
 from gaitopt.gait.trajectory import ImpactRecord
@@ -31,9 +32,7 @@ NO_DATA = np.zeros(0)
 COMPASS = (1.6, 4, 0.8, 2, 9.8, np.radians(1))
 
 
-@cache
-def wheel() -> HybridSystem:
-    return HybridSystem(RimlessWheel, NoControl())
+wheel = partial(passive_system, RimlessWheel)
 
 
 @cache

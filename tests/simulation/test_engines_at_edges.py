@@ -1,18 +1,18 @@
 """All engines decide alike where margins are exactly zero at the start, and in whatever units."""
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
+from functools import partial
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from oracles import passive_system
 
 pytest.importorskip("heyoka")
 
 
 import gaitopt as go
 from gaitopt import Mode
-from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem
@@ -34,14 +34,7 @@ AGREEMENT = 1e-9
 HALF = np.pi / 10
 
 
-@cache
-def wheel() -> HybridSystem:
-    return HybridSystem(RimlessWheel, NoControl())
-
-
-@cache
-def compass() -> HybridSystem:
-    return HybridSystem(CompassBiped, NoControl())
+wheel, compass = partial(passive_system, RimlessWheel), partial(passive_system, CompassBiped)
 
 
 def wheel_parameters(friction: float, kappa: float = 1 / 3, slope: float = 0.2) -> Array:

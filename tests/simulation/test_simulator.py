@@ -5,14 +5,13 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from oracles import passive_system
 from scipy.integrate import quad, solve_ivp
 
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Step
-from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
@@ -29,19 +28,9 @@ SLOPE, KAPPA = np.radians(13), 1 / 3
 COMPASS_START = np.array([-0.1478, -0.1478, 0, 0.7328, -0.5007, 0])
 
 
-@cache
-def wheel_system() -> HybridSystem:
-    return HybridSystem(RimlessWheel, NoControl())
-
-
-@cache
-def compass_system() -> HybridSystem:
-    return HybridSystem(CompassBiped, NoControl())
-
-
 def wheel(friction: float = 1.0, **options: float) -> Simulator:
     """The wheel of Gamus & Or (2013), section III, in units radius = mass = gravity = 1."""
-    return Simulator(Dynamics(wheel_system(), np.array([10, 1, 1, KAPPA, 1, SLOPE, friction])), **options)
+    return Simulator(Dynamics(passive_system(RimlessWheel), np.array([10, 1, 1, KAPPA, 1, SLOPE, friction])), **options)
 
 
 def compass_parameters(friction: float) -> Array:
@@ -49,7 +38,7 @@ def compass_parameters(friction: float) -> Array:
 
 
 def compass(friction: float, **options: float) -> Simulator:
-    return Simulator(Dynamics(compass_system(), compass_parameters(friction)), **options)
+    return Simulator(Dynamics(passive_system(CompassBiped), compass_parameters(friction)), **options)
 
 
 @cache
@@ -170,7 +159,7 @@ def test_more_switches_than_allowed_is_chattering() -> None:
 
 
 def test_a_wheel_of_three_spokes_ends_in_double_support() -> None:
-    system = wheel_system()
+    system = passive_system(RimlessWheel)
     trajectory = Simulator(Dynamics(system, np.array([3, 1, 1, 0.2, 1, 0.3, 1.3]))).run(
         np.array([-np.pi / 3, 0, 0.8, 0])
     )
@@ -195,8 +184,11 @@ def test_a_slipping_impact_is_followed_by_its_slip() -> None:
 def test_events_agree_with_a_brute_force_integration(arc: int, margin: str) -> None:
     """Scipy's own events, on steps so short that its interpolant is exact to 1e-13."""
     p, expected = compass_parameters(0.14), compass(0.14).run(compass_gait(0.14)).steps[0].arcs[arc]
-    flow, margins = compass_system().flow(expected.mode), compass_system().margins(expected.mode)
-    k = compass_system().transitions.margin_names(expected.mode).index(margin)
+    flow, margins = (
+        passive_system(CompassBiped).flow(expected.mode),
+        passive_system(CompassBiped).margins(expected.mode),
+    )
+    k = passive_system(CompassBiped).transitions.margin_names(expected.mode).index(margin)
 
     def rate(t: float, z: Array) -> Array:
         return np.asarray(flow(t, z, p, [])).ravel()
@@ -244,7 +236,7 @@ def test_dense_arcs_are_resolved_chebyshev_curves() -> None:
 
 def threshold() -> tuple[float, float, float]:
     """Friction at which the passive gait's foot just stays at rest after impact; f_n there, and its margin's rate."""
-    system, start = compass_system(), compass_gait(0.2)
+    system, start = passive_system(CompassBiped), compass_gait(0.2)
     f_t, f_n = np.asarray(system.observation(STICK)(0, start, compass_parameters(0.2), [])[0]).ravel()
     _, rates = system.events(STICK)(0, start, compass_parameters(-f_t / f_n), [])
     return -f_t / f_n, f_n, float(rates[system.transitions.margin_names(STICK).index("cone_forward")])
@@ -286,7 +278,7 @@ def test_a_state_of_the_wrong_length_or_not_finite_is_refused() -> None:
     with pytest.raises(ValueError, match="steps = 0"):
         wheel().run(rolling(0.7), 0)
     with pytest.raises(ValueError, match="parameters of shape"):
-        Simulator(Dynamics(wheel_system(), np.ones(3)))
+        Simulator(Dynamics(passive_system(RimlessWheel), np.ones(3)))
 
 
 def test_a_slip_velocity_that_is_only_rounding_is_none() -> None:
