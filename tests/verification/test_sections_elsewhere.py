@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pytest
-from casadi import SX, sin
+from casadi import SX, cos, sin
 from named import named
 from pydantic import Field
 
@@ -28,6 +28,7 @@ from gaitopt.model.mechanism import Mechanism
 from gaitopt.model.units import Finite
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.heel_toe import HeelToe
+from gaitopt.model.walkers.slip_runner import SlipRunner
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
 from gaitopt.problem.problem import Problem, parse_problem
 from gaitopt.problem.statement import problem_data
@@ -47,6 +48,20 @@ class MidCompass(CompassBiped):
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
         """That of the compass."""
         return replace(super().mechanism(q, p), sections={"middle": lambda dq: -q.theta1})
+
+
+class ApexRunner(SlipRunner):
+    """The runner on a massless leg, with a margin that falls to zero where its body is highest."""
+
+    model = "apex_runner"
+    sections = ("apex",)
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """That of the runner; the foot on the ground, or the last one that was, is where (x, y) is."""
+        leg = p.leg_length - q.shortening
+        rise = {"apex": lambda dq: -dq.shortening * cos(q.theta) - leg * dq.theta * sin(q.theta)}
+        return replace(super().mechanism(q, p), sections=rise)
 
 
 class HipClock(Control):
@@ -182,6 +197,19 @@ def test_a_free_clock_entrains_a_gait_wherever_its_period_begins() -> None:
     assert second.multipliers.size == 5  # dx is free there, and a deviation in it vanishes where the foot sticks
     np.testing.assert_allclose(second.multipliers, [*first.multipliers, 0.0], atol=1e-9)
     assert second.scalar("step_length") == pytest.approx(first.scalar("step_length"), rel=1e-10)
+
+
+def test_a_runner_has_the_same_multiplier_from_apex_to_apex() -> None:
+    data, plain = problem_data(named("slip-run").problem), named("slip-run")
+    state = {"theta": 0.5145, "shortening": -0.074, "dtheta": 1.0027, "dshortening": -0.6088}
+    phases = ["flight", {"mode": "stick", "impact": "stick"}, "flight"]
+    data["gait"] = {"section": {"margin": "apex"}, "phases": phases, "guess": {"state": state}}
+    data["walker"]["model"] = ApexRunner.model
+    gait = go.solve(parse_problem(json.dumps(data), walkers=[ApexRunner]), progress=False)
+    assert gait.converged, gait.message
+    assert gait.scalar("period") == pytest.approx(plain.scalar("period"), rel=1e-11)
+    np.testing.assert_allclose(gait.multipliers, [*plain.multipliers, 0.0], atol=1e-10)
+    assert go.verify(gait).passed
 
 
 def heel_toe_pair(name: str) -> tuple[Gait, Gait]:
