@@ -27,6 +27,7 @@ from typing import TypeVar
 import numpy as np
 
 from gaitopt.arrays import Array, overflow_allowed
+from gaitopt.branches.conditions import MarginZero
 from gaitopt.branches.curve import CurvePoint, Location, curve_through
 from gaitopt.branches.monitors import MonitorKey, MonitorValue
 from gaitopt.errors import ProblemError
@@ -364,22 +365,32 @@ def simulated_gait(point: CurvePoint, offset: float) -> CurvePoint | None:
     return _attempt(point, cycle, offset, starts) if offset or cycle == curve.cycle else None
 
 
-def located_on_successor(event: Location, successor: CurvePoint) -> CurvePoint | None:
-    """The gait at an event, located on the successor, if a phase vanishes there; None otherwise.
+def located_on_successor(event: Location, successor: CurvePoint) -> tuple[CurvePoint, MonitorKey] | None:
+    """The gait at an event, located on the successor, and what vanishes there, if a phase vanishes; None otherwise.
 
     A slip from rest ends when v / t = 0. In a phase of almost no duration this is dominated by rounding, so that the
     old branch locates the event with half the digits only. The margin of the phase that replaces it has all digits.
     """
     if len(successor.curve.cycle.phases) >= len(event.point.curve.cycle.phases):
         return None
-    slope = successor.tangent[-1]
-    length = 2 * (event.point.value - successor.value) / slope if slope else 0.0
-    behind = successor.step(length) if length else None
+    condition, metric, count = successor.curve.condition, successor.curve.metric, len(successor.values)
+    ahead, spans = successor.direction[-count:], np.array([*metric.others, metric.span])
+    back = (event.point.at.w[-count:] - successor.at.w[-count:]) / spans @ ahead
+    length = 2 * float(back / (ahead @ ahead)) if ahead.any() else 0.0
+    try:
+        behind = successor.step(length) if length else None
+    except ProblemError:  # beyond the range of a parameter
+        return None
     if behind is None:
         return None
-    zeros = [successor.locate(behind, length, partial(CurvePoint.monitor, key=lost)) for lost in behind.lost(successor)]
-    nearest = min(zeros, key=lambda location: abs(location.length), default=None)
-    return nearest.point if nearest is not None and nearest.status == "converged" else None
+    own = condition.key if isinstance(condition, MarginZero) else None
+    zeros = [
+        (successor.locate(behind, length, partial(CurvePoint.monitor, key=key)), key)
+        for key in behind.lost(successor)
+        if key != own
+    ]
+    nearest, key = min(zeros, key=lambda zero: abs(zero[0].length), default=(None, None))
+    return (nearest.point, key) if nearest is not None and key is not None and nearest.status == "converged" else None
 
 
 def alternatives(point: CurvePoint, known: Sequence[Cycle]) -> Iterator[CurvePoint]:

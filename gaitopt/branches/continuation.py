@@ -27,7 +27,7 @@ from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric, curve_th
 from gaitopt.branches.monitors import MonitorKey, bifurcations_between, is_bifurcation, stride
 from gaitopt.branches.normal_forms import gait_coefficients, stability_words
 from gaitopt.branches.request import FOLLOWS, Request
-from gaitopt.branches.steps import FIRST_LENGTH, HALVED, VANISHED_STRIDE, VANISHING, Steps
+from gaitopt.branches.steps import FIRST_LENGTH, HALVED, SILENT, VANISHED_STRIDE, VANISHING, Steps
 from gaitopt.branches.switching import beginnings
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
@@ -195,6 +195,9 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
 
     def _stuck(self) -> Iterator[BranchPoint | SpecialPoint]:
         rescued = _rescued(self.point)
+        if rescued is None and (vanishing := self._short_phase()) is not None:
+            yield from self._change(*vanishing)
+            return
         if rescued is None:
             radius = self.point.gait.spectral_radius or 0.0
             reason = "neither Newton's method, also on a finer mesh, nor IPOPT nor the simulator finds the next gait"
@@ -211,7 +214,10 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
         return None if bound is None else (at_bound or point, length)
 
     def _lost(self, before: CurvePoint, after: CurvePoint) -> list[MonitorKey]:
-        return after.lost(before)
+        """Monitors that vanish on a step, or vanished just before it, where rounding, or another mesh, hid that."""
+        hidden = (key for key, monitor in before.monitors.items() if monitor.value <= 0)
+        fallen = [k for k in hidden if k in after.monitors and after.monitor(k) < min(before.monitor(k), -SILENT)]
+        return [*after.lost(before), *fallen]
 
     def _between(self, here: CurvePoint, point: CurvePoint, length: float) -> Iterator[SpecialPoint]:
         """Folds, bifurcations and the caller's events between two points, in order."""
@@ -265,7 +271,8 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
         same = before.impacts == after.impacts and before.landed == after.landed
         kind = "mode_change" if same else "impact_change"
         located = located_on_successor(event, successor)
-        special = self._special(kind, located or event.point, event.status if located is None else "converged", reason)
+        there, status = (event.point, event.status) if located is None else (located[0], "converged")
+        special = self._special(kind, there, status, reason)
         yield replace(special, before=before, after=after, next=(number,), contact=contact)
         self.point, self.branch, self.index = successor, number, 0
         self.length = min(FIRST_LENGTH, length)
@@ -289,6 +296,9 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
                 self.point = simulated  # rounding errors may have moved a sensitive gait
                 check = confirm(simulated.gait)
                 gait = simulated.gait.verified(check.to_record())
+            if not check.passed and (vanishing := self._short_phase()) is not None:
+                yield from self._change(*vanishing)
+                return
             if not check.passed:
                 worst = next(claim for claim in check.claims if not claim.passed)
                 reason = f"the simulator disagrees: {worst.words}"

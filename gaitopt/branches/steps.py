@@ -18,6 +18,7 @@ from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError
 from gaitopt.model.cycle import BREAKPOINT
+from gaitopt.solver import arclength
 from gaitopt.solver.arclength import next_length
 
 FIRST_LENGTH = 0.005
@@ -26,6 +27,8 @@ SMALLEST_LENGTH = 1e-9
 """A step is not halved below this arclength."""
 SHORT_SLIP = 1e-4
 """From a slip that is shorter than this part of the period, the branch without the slip can be reached."""
+SILENT = 1e-8
+"""A monitor whose value is below this number vanishes along the whole curve, or at its first point."""
 VANISHED_STRIDE = 1e-4
 """A gait with a shorter stride vanishes. If only a mode sequence ends, strides are much longer."""
 VANISHING = "the gait vanishes: its steps, or all its motion, become infinitely small"
@@ -141,6 +144,21 @@ class Steps(ABC, Generic[P, S]):
                     return length, point, event
             self.length /= 2
         return None
+
+    def _short_phase(self) -> Zero | None:
+        """The duration of a short phase that falls to zero just ahead of the current point; None if there is none.
+
+        Close to this event Newton's method and the simulator may fail: a slip that begins from rest ends with a slope
+        near zero, so that its duration has half the digits.
+        """
+        here = self.point
+        n_free, n_phases = len(here.values), here.at.equations.n_phases
+        rates = here.tangent[-n_free - n_phases : -n_free]
+        short = [key for key in here.monitors if key.kind == "duration" and here.monitor(key) < SHORT_SLIP]
+        falling = [key for key in short if key.phase is not None and rates[key.phase] < 0]
+        if not falling:
+            return None
+        return arclength.Location(length=0.0, point=here, status="guess"), min(falling, key=here.monitor)
 
     @abstractmethod
     def _begin(self) -> Iterator[P | S]:

@@ -19,7 +19,16 @@ from typing import Any
 import numpy as np
 
 from gaitopt.arrays import Array, overflow_allowed
-from gaitopt.branches.change import ACTIVE, DISTANCES, NEARBY, halved_cycle, start_states, successors, transition_at
+from gaitopt.branches.change import (
+    ACTIVE,
+    DISTANCES,
+    NEARBY,
+    halved_cycle,
+    located_on_successor,
+    start_states,
+    successors,
+    transition_at,
+)
 from gaitopt.branches.codimension_two import (
     CURVES,
     DEGENERATE,
@@ -32,7 +41,7 @@ from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric, curve_th
 from gaitopt.branches.monitors import MonitorKey, monitor_values, stride
 from gaitopt.branches.normal_forms import KINDS, LocalMap, coefficients
 from gaitopt.branches.request import Request
-from gaitopt.branches.steps import FIRST_LENGTH, HALVED, VANISHED_STRIDE, VANISHING, Steps
+from gaitopt.branches.steps import FIRST_LENGTH, HALVED, SILENT, VANISHED_STRIDE, VANISHING, Steps
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.branch import SpecialPoint
@@ -65,8 +74,6 @@ CONSTANT = 1e-9
 """An unknown is constant along the curve if its entry of the unit tangent is below this number."""
 STRAY = 10.0
 """Largest distance of the first point with another mode sequence from the point before it, in step lengths."""
-SILENT = 1e-8
-"""A monitor whose value is below this number vanishes along the whole curve, or at its first point."""
 DEGRADED = 1e-5
 """Where a monitor is below this, as the duration of a phase that vanishes, rounding spoils the cubic coefficient."""
 FALLEN = 1e-6
@@ -378,7 +385,11 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         assert condition is not None
         return condition
 
-    def _stuck(self) -> Iterator[TraceSpecial]:
+    def _stuck(self) -> Iterator[TracePoint | TraceSpecial]:
+        vanishing = self._short_phase()
+        if vanishing is not None:
+            yield from self._change(*vanishing)
+            return
         words = "Newton's method finds no next gait, also on a finer mesh"
         yield replace(self._special("end", self.point, "guess", words), codimension=1)
 
@@ -455,23 +466,24 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
 
     def _change(self, event: Location, key: MonitorKey) -> Iterator[TracePoint | TraceSpecial]:
         """Another margin vanishes: a special point, and the first point with the next mode sequence, or the end."""
-        point, cycle = event.point, event.point.curve.cycle
-        name = "margin_crossing" if self.kind == "margin" else f"margin_{self.kind}"
+        point, cycle, status = event.point, event.point.curve.cycle, event.status
         words = margin(key.kind).lost if key.kind != "duration" else "vanishes"
         words = words if key.phase is None else f"{cycle.phase_words(key.phase)}: {words}"
+        transition = transition_at(point.gait.system.transitions, cycle, key)
+        ends = transition is not None and bool(transition.ending or transition.ends_step)
+        successor, reason = (None, "") if ends else self._successor(point, key)
+        located = None if successor is None else located_on_successor(event, successor)
+        if located is not None:
+            (point, key), status = located, "converged"
         other = CurveStart(type="margin", parameter=self.first, gait=point.gait, margin=(key.kind, key.phase, key.step))
         doubled = doubled_margin(point, key) if self.kind == "period_doubling" else None
         following = (other,) if doubled is None else (other, doubled)
-        special = replace(self._special(name, point, event.status, words), next=following, before=cycle)
-        transition = transition_at(point.gait.system.transitions, cycle, key)
-        if transition is not None and (transition.ending or transition.ends_step):
-            yield special
-            yield replace(self._special("end", point, event.status, words), codimension=2)
-            return
-        successor, reason = self._successor(point, key)
+        name = "margin_crossing" if self.kind == "margin" else f"margin_{self.kind}"
+        special = replace(self._special(name, point, status, words), next=following, before=cycle)
         if successor is None:
             yield special
-            yield replace(self._special("end", point, event.status, f"{words}; {reason}"), codimension=2)
+            words = f"{words}; {reason}" if reason else words
+            yield replace(self._special("end", point, status, words), codimension=2)
             return
         yield replace(special, after=successor.curve.cycle)
         self.number, self.index = next(self.numbers), 0
@@ -530,9 +542,11 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             following, w = curve_through(
                 problem, curve.parameter, curve.metric, retraced(first.gait), others=(self.first,), condition=condition
             )
-            forward = np.zeros(w.size)
-            forward[: system.n_z], forward[-2:] = first.gait.state - point.gait.state, point.tangent[-2:] * distance
-            found = following.start(w, following.solutions.coordinates(forward))
+            forward = np.zeros(w.size)  # in the parameters alone: the state may begin like a square root
+            forward[-2:] = point.tangent[-2:]
+            normal = following.solutions.coordinates(forward)
+            found = following.with_gait(following.solutions.across(w, normal / np.linalg.norm(normal)))
+            found = None if found is None else found.remeshed()
             near = found is not None and found.is_regular and self._is_near(point, found, distance)
         except (ProblemError, RuntimeError):  # out of range; or singular, as nothing ends a slip of no length
             return None
@@ -565,13 +579,16 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
     def _simulated(self, gait: Gait) -> tuple[bool, Any]:
         """Whether the simulator walks the gait, and the record of that.
 
-        On a margin it may take either sequence. If it takes the other one and returns to the same state, the gait
-        holds, but its modes are not verified: there is no record.
+        On a margin it may take either sequence, or end as the margin says. If it takes the other one and returns to the
+        same state, or ends so, the gait holds, but its modes are not verified: there is no record.
         """
         check = confirm(gait)
-        if check.passed or self.kind != "margin":
+        if check.passed or self.own is None:
             return check.passed, check.to_record()
         walk = Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps))
+        transition = transition_at(gait.system.transitions, gait.cycle, self.own)
+        if transition is not None and walk.ending == transition.ending:
+            return True, None
         if len(walk.steps) < len(gait.steps) or walk.steps[-1].impact is None:
             return False, check.to_record()
         left = np.abs(walk.steps[-1].final_impact.state - gait.state) / gait.dynamics.state_units

@@ -77,6 +77,18 @@ def test_a_crawl_goes_on_where_several_phases_change_at_once(
     assert verify(branch.points[-1].gait).passed
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("to", [0.3, 0.35])
+def test_a_family_passes_the_end_of_a_slip_from_rest_in_both_directions(to: float) -> None:
+    """The slip ends with half the digits where it vanishes, and Newton's method may fail, or pass to negative times."""
+    down, up = family("heel-toe", "friction", 0.27), continuation(named("heel-toe-slip"), "friction", to=to)
+    vanishes, end = up.specials[-2:]
+    assert (vanishes.type, vanishes.contact, vanishes.status) == ("mode_change", "heel", "converged")
+    assert vanishes.value == pytest.approx(down.specials[0].value, rel=0, abs=1e-11)
+    assert end.value == to
+    assert min(phase["duration"] for point in up for phase in point.gait.to_record()["phases"]) > -1e-6
+
+
 def test_a_crawl_vanishes_where_the_friction_stops_both_ends() -> None:
     gait = contact_gait("crawler")
     branch = family("crawler", "friction.front", 0.5)

@@ -263,19 +263,52 @@ def test_a_bifurcation_curve_ends_where_the_multipliers_jump_and_names_both_spec
 
 
 @pytest.mark.slow
-def test_a_curve_ends_where_a_phase_of_a_contact_vanishes_and_never_passes_into_negative_durations():
-    """Where the heel no longer slips, friction does not matter: the sticking gait doubles at one length of the toe."""
-    slips = special("heel-toe", "impact_change", "friction", 0.25)
-    margins = trace(slips, "walker.toe", 0.06, verify_every=0, progress=False)
-    (flips,) = (start for start in margins.special("margin_period_doubling")[0].next if start.type == "period_doubling")
-    curve = trace(flips, "walker.toe", 0.06, verify_every=0, progress=False)
-    meeting, end = curve.specials[-2:]
-    assert (meeting.type, end.type) == ("margin_period_doubling", "end")
-    assert "heel slip_forward" in meeting.reason
-    assert end.values["walker.toe"] == pytest.approx(0.0574111405, abs=1e-9)
+@pytest.mark.parametrize("first", ["friction", "walker.toe"])
+def test_a_curve_goes_on_where_a_phase_of_a_contact_vanishes(first):
+    """Where the heel no longer slips, friction does not matter: the sticking gait doubles at one length of the toe.
+
+    It begins to slip where the branch of this sticking gait in friction has its change of modes.
+    """
+    slipping = special("heel-toe", "mode_change", "friction", 0.27).after
+    origin = special("heel-toe-slip", "period_doubling", "walker.toe", 0.06)
+    start = CurveStart(type="period_doubling", parameter=first, gait=origin.gait)
+    key, to = ("friction", 0.35) if first == "walker.toe" else ("walker.toe", 0.06)
+    curve = trace(start, key, to, upper=0.35 if key == "walker.toe" else None, verify_every=0, progress=False)
+    heel, end = curve.specials
+    assert [heel.type, end.type] == ["margin_period_doubling", "end"]
+    assert (heel.status, heel.before, len(heel.after.phases)) == ("converged", slipping, 2)
+    assert "heel slip_forward" in heel.reason
+    assert end.reason == "reached friction = 0.35"
+    stuck = continuation(named("heel-toe"), "walker.toe", 0.06, verify_every=0, progress=False)
+    length = stuck.special("period_doubling")[0].value
+    assert [special.values["walker.toe"] for special in (heel, end)] == pytest.approx(
+        [length] * 2, rel=0, abs=AGREEMENT
+    )
+    longer = stuck.special("period_doubling")[0].gait
+    slips = continuation(longer, "friction", 0.27, verify_every=0, progress=False).special("mode_change")[0]
+    assert heel.values["friction"] == pytest.approx(slips.value, rel=0, abs=AGREEMENT)
     durations = [arc.duration for point in curve for step in point.gait.steps for arc in step.arcs]
     assert min(durations) > -1e-6  # half the digits, where a phase vanishes
     assert not curve.special("generalised_flip")
+
+
+@pytest.mark.slow
+def test_heel_toe_doubles_on_one_curve_only_where_its_strike_slips_and_on_another_where_it_sticks():
+    """A gait whose strike would have to slip has a multiplier -1 at friction 0.2092 and toe 0.02: it is none."""
+    toe = continuation(named("heel-toe"), "walker.toe", 0.02, verify_every=0, progress=False).points[-1].gait
+    (doubles,) = continuation(toe, "friction", 0.19, verify_every=0, progress=False).special("period_doubling")
+    assert doubles.value == pytest.approx(0.27016431343, abs=1e-9)
+    slips = special("heel-toe", "impact_change", "friction", 0.25)
+    margins = trace(slips, "walker.toe", 0.06, verify_every=0, progress=False)
+    (meeting,) = margins.special("margin_period_doubling")
+    (flips,) = (start for start in meeting.next if start.type == "period_doubling")
+    for start, to in ((flips, 0.02), (doubles, 0.06)):
+        curve = trace(start, "walker.toe", to, verify_every=0, progress=False)
+        end = curve.specials[-1]
+        assert (end.type, end.codimension) == ("end", 2)
+        assert "the multipliers jump there" in end.reason
+        for point in curve:
+            assert min(monitor.value for monitor in monitor_values(point.gait).values()) > -1e-6
 
 
 @pytest.mark.slow
