@@ -254,7 +254,7 @@ class Traced:
 
     def covers(self, place: tuple[float, float], sizes: Array) -> bool:
         """Whether a point lies on it, up to the distance of a chord from its arc."""
-        return any(_distance(place, run, sizes) < ON_CURVE for run in self.runs)
+        return _position(place, self.points, sizes)[0] < ON_CURVE
 
     @property
     def runs(self) -> list[Array]:
@@ -263,15 +263,6 @@ class Traced:
         cuts = [0, *(np.flatnonzero(np.diff(steps)) + 1), len(self.points) - 1]
         parts = [self.points[first : last + 1] for first, last in pairwise(cuts)]
         return [part if part[0, 1] < part[-1, 1] else part[::-1] for part in parts if len(part) > 1]
-
-
-def _distance(place: tuple[float, float], run: Array, sizes: Array) -> float:
-    """Distance of a point from a curve in the first parameter, relative to its range; infinite beyond its ends."""
-    a, b = place
-    slack = ON_CURVE * sizes[1]
-    if not run[0, 1] - slack <= b <= run[-1, 1] + slack:
-        return np.inf
-    return float(abs(np.interp(b, run[:, 1], run[:, 0]) - a) / sizes[0])
 
 
 def ordered(slices: Iterable[Slice]) -> list[Slice]:
@@ -474,7 +465,7 @@ def _drawn(
     kind, places = type_of(slices[chain[0][0]].specials[chain[0][1]]), [_place(slices, node) for node in chain]
     known = [place for place in (ends[0], *places, ends[1]) if place is not None]
     runs = (run for trace in traces if alike(kind, trace.type) for run in trace.runs)
-    covering = (run for run in runs if all(_distance(place, run, sizes) < ON_CURVE for place in places))
+    covering = (run for run in runs if all(_position(place, run, sizes)[0] < ON_CURVE for place in places))
     inner = next(covering, np.empty((0, 2)))
     apart = np.abs(np.subtract.outer(inner[:, 1], [b for _, b in known])).min(axis=1, initial=np.inf)
     inner = inner[(inner[:, 1] > known[0][1]) & (inner[:, 1] < known[-1][1]) & (apart > SAME_PLACE * sizes[1])]
@@ -662,23 +653,18 @@ def _followed(
     there is no such curve, or no event.
     """
     low, high = gap[0] + SAME_PLACE * sizes[1], gap[1] - SAME_PLACE * sizes[1]
-    near = [
-        (min((_distance(place, run, sizes) for run in trace.runs), default=np.inf), n)
-        for n, trace in enumerate(traces)
-        if alike(kind, trace.type)
-    ]
-    distance, number = min(near, default=(np.inf, -1))
+    near = [(*_position(place, trace.points, sizes), n) for n, trace in enumerate(traces) if alike(kind, trace.type)]
+    distance, at, number = min(near, default=(np.inf, 0.0, -1))
     if not distance < ON_CURVE:
         return None, None
     points = traces[number].points
-    _, at = _position(place, points, sizes)
     first = min(int(at), len(points) - 2)
     forward = (points[first + 1, 1] > points[first, 1]) == upward
     rest = points[first + 1 :] if forward else points[: first + 1][::-1]
     rest = rest[1:] if len(rest) and np.abs((rest[0] - place) / sizes).max() < SAME_PLACE else rest
     inside = (rest[:, 1] > low) & (rest[:, 1] < high)
     count = len(rest) if inside.all() else int(np.argmin(inside))
-    path = np.concatenate([[place], rest[:count]])
+    path = np.concatenate([[place], rest[: count + 1]])  # also the chord that leaves the gap
     events = [
         (*_position(spot, path, sizes), name, spot)
         for trace in traces
@@ -691,7 +677,7 @@ def _followed(
         return number, (name, np.concatenate([path[: int(np.ceil(position))], [spot]]))
     if count == len(rest):
         return number, ("", path) if count else None
-    if (rest[count, 1] <= low) == upward:
+    if (rest[count, 1] <= low) == upward:  # it turns back
         turn = int(np.argmax(path[:, 1]) if upward else np.argmin(path[:, 1]))
         return number, ("", path[: turn + 1])
     return number, None
