@@ -457,7 +457,7 @@ class AtlasRequest(Request):
     ] = 9
     refinements: Annotated[
         int, About("How many times the distance of branches that differ is halved.", least=0, most=20)
-    ] = 1
+    ] = 3
     max_points: Annotated[int, About("Maximum number of points of a branch on each side of its start.", least=10)] = 400
     steps: Annotated[
         int | None,

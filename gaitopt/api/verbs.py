@@ -1184,7 +1184,7 @@ def atlas(
     over: Mapping[str, tuple[float | str, float | str]],
     *,
     slices: int = 9,
-    refinements: int = 1,
+    refinements: int = 3,
     max_points: int = 400,
     steps: int | None = None,
     workers: int | None = None,

@@ -160,7 +160,7 @@ def doubled_margin(point: CurvePoint, key: MonitorKey) -> CurveStart | None:
     along = second * plane[0] - first * plane[1]
     cycle, n = Cycle(curve.cycle.steps * 2), equations.n_phases
     arcs = [replace(arc, phase=arc.phase + k * n) for k in (0, 1) for arc in equations.mesh.arcs]
-    problem = point.problem.with_modes(cycle, dict(zip(point.gait.system.state_names, point.gait.state, strict=True)))
+    problem = point.problem.with_modes(cycle, point.problem.guess.state)  # rounding decides the sign of a slip of zero
     twice = transcribe(equations.system, Mesh(cycle=cycle, arcs=tuple(arcs)), equations.free)
     doubled = replace(curve, problem=problem, equations=twice, condition=margin_zero)
 

@@ -289,7 +289,7 @@ def atlas(
         ),
     ],
     slices: Annotated[int, options.option(AtlasRequest, "slices")] = 9,
-    refinements: Annotated[int, options.option(AtlasRequest, "refinements")] = 1,
+    refinements: Annotated[int, options.option(AtlasRequest, "refinements")] = 3,
     max_points: Annotated[int, options.option(AtlasRequest, "max_points")] = 400,
     steps: Annotated[int | None, options.option(AtlasRequest, "steps")] = None,
     what: Annotated[

@@ -15,8 +15,8 @@ Families of doubled gaits, which begin at a period doubling of another family, a
 their own.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from functools import partial
 from itertools import groupby, pairwise
@@ -222,7 +222,7 @@ class Region:
     @property
     def area(self) -> float:
         """Area in both parameters."""
-        return sum(abs(_signed_area(piece)) for piece in self.pieces)
+        return sum(abs(signed_area(piece)) for piece in self.pieces)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,9 +252,9 @@ class Traced:
     specials: tuple[tuple[str, tuple[float, float]], ...]
     steps: int = 1
 
-    def covers(self, place: tuple[float, float], sizes: Array) -> bool:
-        """Whether a point lies on it, up to the distance of a chord from its arc."""
-        return _position(place, self.points, sizes)[0] < ON_CURVE
+    def covers(self, kind: str, place: tuple[float, float], sizes: Array) -> bool:
+        """Whether a special point lies on it, up to the distance of a chord from its arc."""
+        return alike(kind, self.type) and _position(place, self.points, sizes)[0] < ON_CURVE
 
     @property
     def runs(self) -> list[Array]:
@@ -350,64 +350,48 @@ def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence
     span : range of the first parameter.
     traces : of its curves.
     """
-    whole, count, sheets = Arrangement(), 0, 0
-    for number, family in enumerate(families(slices)):
+    parts, count, sheets = list[Arrangement](), 0, 0
+    for family in families(slices):
         own = [trace for trace in traces if trace.steps == family[0].steps or not family[0].steps]
-        part = _arranged(family, span, own)
-        regions = [
-            replace(region, sheet=region.sheet + sheets, places=tuple((j + count, i) for j, i in region.places))
-            if region.places
-            else region
-            for region in part.regions
-            if region.places or not number
-        ]
-        moved: list[list[Any]] = [
-            [replace(each, sheet=each.sheet + sheets) for each in group]
-            for group in (part.curves, part.junctions, part.meetings)
-        ]
-        whole = Arrangement(
-            regions=(*whole.regions, *regions),
-            curves=(*whole.curves, *moved[0]),
-            junctions=(*whole.junctions, *moved[1]),
-            meetings=(*whole.meetings, *moved[2]),
-        )
-        count, sheets = count + len(family), 1 + max((region.sheet for region in regions), default=sheets - 1)
-    return whole
+        parts.append(_arranged(family, span, own, count, sheets))
+        count, sheets = count + len(family), 1 + max((r.sheet for r in parts[-1].regions), default=sheets - 1)
+    return Arrangement(
+        regions=tuple(region for part in parts for region in part.regions),
+        curves=tuple(curve for part in parts for curve in part.curves),
+        junctions=tuple(junction for part in parts for junction in part.junctions),
+        meetings=tuple(meeting for part in parts for meeting in part.meetings),
+    )
 
 
-def _arranged(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence[Traced]) -> Arrangement:
-    """Regions, curves and junctions of one family."""
+def _arranged(
+    slices: Sequence[Slice], span: tuple[float, float], traces: Sequence[Traced], count: int = 0, sheets: int = 0
+) -> Arrangement:
+    """Regions, curves and junctions of one family, after families with ``count`` slices and so many ``sheets``."""
     links, meetings, matched = _linked(slices)
-    regions = _Classes((j, i) for j, each in enumerate(slices) for i in range(len(each.segments)))
-    sheets = _Classes(regions.parent)
-    for j, pairs in enumerate(matched):
-        for s, t in pairs:
-            regions.join((j, s), (j + 1, t))
-            sheets.join((j, s), (j + 1, t))
-    for j, each in enumerate(slices):
-        for i in range(1, len(each.segments)):
-            if not each.turns(i):
-                sheets.join((j, i - 1), (j, i))
-    numbers = sheets.numbers()
+    places = [(j, i) for j, each in enumerate(slices) for i in range(len(each.segments))]
+    joined = [((j, s), (j + 1, t)) for j, pairs in enumerate(matched) for s, t in pairs]
+    straight = [((j, i - 1), (j, i)) for j, i in places if i and not slices[j].turns(i)]
+    region_of, sheet_numbers = _classes(places, joined), _classes(places, [*joined, *straight])
 
     def sheet_of(j: int, k: int) -> int:
         """Sheet of a special point; of a fold, that of the segment before it."""
-        return numbers[(j, min(max(k - 1, 0), len(slices[j].segments) - 1))]
+        return sheets + sheet_numbers[j, min(max(k - 1, 0), len(slices[j].segments) - 1)]
 
     sizes = np.array([span[1] - span[0], slices[-1].value - slices[0].value or 1.0])
     links, meetings, tails = _explained(slices, links, meetings, traces, sizes)
     chains = list(_chains(slices, links))
-    places = [_meeting_place(slices, chains, meeting) for meeting in meetings]
-    places = [replace(p, values=(float(np.clip(p.values[0], *span)), p.values[1])) for p in places]
+    met = [_meeting_place(slices, chains, meeting) for meeting in meetings]
+    met = [
+        replace(at, values=(float(np.clip(at.values[0], *span)), at.values[1]), sheet=sheet_of(*meeting.nodes[0]))
+        for meeting, at in zip(meetings, met, strict=True)
+    ]
     curves, paths = list[Curve](), dict[tuple[Node, bool], Array]()
     for chain in chains:
         ends = [
-            next(
-                (place.values for meeting, place in zip(meetings, places, strict=True) if node in nodes(meeting)), None
-            )
-            if (node, upward) not in tails
+            next((at.values for meeting, at in zip(meetings, met, strict=True) if node in meeting.sides[side]), None)
+            if (node, bool(side)) not in tails
             else None
-            for node, upward, nodes in ((chain[0], False, _Meeting.leaving), (chain[-1], True, _Meeting.arriving))
+            for side, node in ((0, chain[0]), (1, chain[-1]))
         ]
         curve, own = _drawn(slices, chain, ends, traces, sizes)
         below, above = (tails.get(key, np.empty((0, 2))) for key in ((chain[0], False), (chain[-1], True)))
@@ -416,29 +400,30 @@ def _arranged(slices: Sequence[Slice], span: tuple[float, float], traces: Sequen
         if curve.type != "bound":
             curves.append(replace(curve, sheet=sheet_of(*chain[0])))
     paths |= tails
-    pieces: dict[Node, list[Array]] = {root: [] for root in regions.roots()}
+    pieces: dict[int, list[Array]] = {number: [] for number in region_of.values()}
     for place, polygon in _polygons(slices, matched, links, paths):
-        pieces[regions.root(place)].append(polygon)
-    found = [
-        Region(
-            words=slices[j].segments[i].words,
-            unstable=slices[j].segments[i].unstable,
-            sheet=numbers[j, i],
-            pieces=tuple(polygons),
-            places=tuple(key for key in regions.parent if regions.root(key) == (j, i)),
+        pieces[region_of[place]].append(polygon)
+    found = list[Region]()
+    for number, polygons in pieces.items():
+        inside = [place for place in places if region_of[place] == number]
+        j, i = inside[0]
+        segment, numbers = slices[j].segments[i], tuple((j + count, i) for j, i in inside)
+        found.append(
+            Region(
+                words=segment.words,
+                unstable=segment.unstable,
+                sheet=sheets + sheet_numbers[j, i],
+                pieces=tuple(polygons),
+                places=numbers,
+            )
         )
-        for (j, i), polygons in pieces.items()
-    ]
-    at_meetings = [
-        replace(place, sheet=sheet_of(*(meeting.below + meeting.above)[0]))
-        for meeting, place in zip(meetings, places, strict=True)
-    ]
-    junctions = [junction for junction in at_meetings if junction.name]
+    junctions = [junction for junction in met if junction.name]
     for trace in traces:
-        sheet = next((curve.sheet for curve in curves if _drawn_by(curve, trace, sizes)), None)
+        covered = (c.sheet for c in curves if any(trace.covers(c.type, place, sizes) for place in c.located.tolist()))
+        sheet = next(covered, None)
         if sheet is None:  # between two branches
-            sheet, empty = 0, np.empty((0, 2))
-            curves.append(Curve(type=trace.type, points=trace.points, located=empty, records=(), sheet=0))
+            sheet, empty = sheets, np.empty((0, 2))
+            curves.append(Curve(type=trace.type, points=trace.points, located=empty, records=(), sheet=sheet))
         for name, spot in trace.specials:
             apart = (np.abs((np.array(junction.values) - spot) / sizes).max() for junction in junctions)
             if min(apart, default=np.inf) > SAME_PLACE:
@@ -446,11 +431,11 @@ def _arranged(slices: Sequence[Slice], span: tuple[float, float], traces: Sequen
     return Arrangement(
         regions=(
             *sorted(found, key=lambda region: -region.area),
-            *_outside(slices, span, links, paths, traces, sizes),
+            *(() if count else _outside(slices, span, links, paths, traces, sizes)),
         ),
         curves=tuple(curves),
         junctions=tuple(junctions),
-        meetings=tuple(at_meetings),
+        meetings=tuple(met),
     )
 
 
@@ -469,15 +454,32 @@ def _drawn(
     inner = next(covering, np.empty((0, 2)))
     apart = np.abs(np.subtract.outer(inner[:, 1], [b for _, b in known])).min(axis=1, initial=np.inf)
     inner = inner[(inner[:, 1] > known[0][1]) & (inner[:, 1] < known[-1][1]) & (apart > SAME_PLACE * sizes[1])]
-    both = np.concatenate([np.array(known), inner])
-    smooth, paths = _Smooth(both[np.argsort(both[:, 1])]), dict[tuple[Node, bool], Array]()
-    for node, place in zip(chain, places, strict=True):
-        index = known.index(place)
-        for upward, other in ((False, index - 1), (True, index + 1)):
-            if 0 <= other < len(known):
-                paths[node, upward] = smooth.between(place[1], known[other][1])
+    between = _smooth(np.concatenate([np.array(known), inner]))
+    pieces = [between(first[1], last[1]) for first, last in pairwise(known)]
+    paths = dict[tuple[Node, bool], Array]()
+    for index, node in enumerate(chain, start=ends[0] is not None):
+        if index:
+            paths[node, False] = pieces[index - 1][::-1]
+        if index < len(pieces):
+            paths[node, True] = pieces[index]
+    points = np.concatenate([*(piece[:-1] for piece in pieces), np.array(known[-1:])])
     records = tuple(slices[j].specials[k] for j, k in chain)
-    return Curve(type=kind, points=smooth.points, located=np.array(places), records=records, sheet=0), paths
+    return Curve(type=kind, points=points, located=np.array(places), records=records, sheet=0), paths
+
+
+def _smooth(known: Array) -> Callable[[float, float], Array]:
+    """The points of a curve a(b), between two values of b, that passes known points without overshoot; shape (n, 2)."""
+    from scipy.interpolate import PchipInterpolator
+
+    a, b = known[np.argsort(known[:, 1])].T
+    cubic = PchipInterpolator(b, a) if len(known) > 1 else None
+
+    def between(first: float, last: float) -> Array:
+        assert cubic is not None
+        places = np.unique(np.concatenate([np.linspace(first, last, SAMPLES), b[(b > first) & (b < last)]]))
+        return np.column_stack([cubic(places), places])
+
+    return between
 
 
 def _polygons(
@@ -511,11 +513,6 @@ def _side(
     return np.concatenate([up, down[::-1]])
 
 
-def _drawn_by(curve: Curve, trace: Traced, sizes: Array) -> bool:
-    """Whether a trace is that of a curve."""
-    return alike(curve.type, trace.type) and any(trace.covers((a, b), sizes) for a, b in curve.located.tolist())
-
-
 def alike(kind: str, traced: str) -> bool:
     """Whether a trace of this type may be that of a curve: a margin may change both phases and impact."""
     return kind == traced or (kind in MARGINS and traced in MARGINS)
@@ -538,13 +535,15 @@ class _Meeting:
     name: str = ""
     place: tuple[float, float] | None = None
 
-    def arriving(self) -> tuple[Node, ...]:
-        """Special points whose curves arrive from below."""
-        return self.below
+    @property
+    def nodes(self) -> tuple[Node, ...]:
+        """All of them."""
+        return self.below + self.above
 
-    def leaving(self) -> tuple[Node, ...]:
-        """Special points whose curves leave upwards."""
-        return self.above
+    @property
+    def sides(self) -> tuple[tuple[Node, ...], tuple[Node, ...]]:
+        """Those from which curves leave upwards, then those whose curves arrive from below."""
+        return self.above, self.below
 
 
 def _linked(slices: Sequence[Slice]) -> tuple[dict[Node, Node], list[_Meeting], list[list[tuple[int, int]]]]:
@@ -731,10 +730,10 @@ def _meeting_place(
 ) -> Junction:
     """Where curves meet: at a known place, else at the point nearest to their tangents between the two branches."""
     if meeting.place is not None:
-        kinds = {type_of(slices[j].specials[k]) for j, k in meeting.below + meeting.above}
+        kinds = {type_of(slices[j].specials[k]) for j, k in meeting.nodes}
         return Junction(name=meeting.name, values=meeting.place, types=tuple(sorted(kinds)), within=0.0, sheet=0)
     low, high = slices[meeting.gap].value, slices[meeting.gap + 1].value
-    rows, nodes = list[tuple[float, float]](), meeting.below + meeting.above
+    rows, nodes = list[tuple[float, float]](), meeting.nodes
     for node in nodes:
         chain = next(chain for chain in chains if node in chain)
         a, b = _place(slices, node)
@@ -754,32 +753,6 @@ def _meeting_place(
     types = tuple(sorted({type_of(slices[j].specials[k]) for j, k in nodes}))
     place = float(estimate[0]), b
     return Junction(name=_name(types, len(nodes)), values=place, types=types, within=(high - low) / 2, sheet=0)
-
-
-class _Smooth:
-    """A curve a(b) through given points, ascending in b, without overshoot between them."""
-
-    def __init__(self, known: Array) -> None:
-        from scipy.interpolate import PchipInterpolator
-
-        self._known = known
-        self._cubic = PchipInterpolator(known[:, 1], known[:, 0]) if len(known) > 1 else None
-
-    def between(self, first: float, last: float) -> Array:
-        """Points from one value of b to another one; shape (n, 2)."""
-        inside = self._known[:, 1][(self._known[:, 1] - first) * (self._known[:, 1] - last) < 0]
-        b = np.unique(np.concatenate([np.linspace(first, last, SAMPLES), inside]))
-        b = b if first < last else b[::-1]
-        assert self._cubic is not None
-        return np.column_stack([self._cubic(b), b])
-
-    @property
-    def points(self) -> Array:
-        """All of it."""
-        if self._cubic is None:
-            return self._known
-        parts = [self.between(*pair)[:-1] for pair in pairwise(self._known[:, 1])]
-        return np.concatenate([*parts, self._known[-1:]])
 
 
 def _name(types: Sequence[str], count: int) -> str:
@@ -818,8 +791,7 @@ def _outside(
                 continue
             nodes = [(j, last[0]), (j + 1, last[1])]
             ended = all(
-                kind == "bound"
-                or any(alike(kind, trace.type) and trace.covers(_place(slices, node), sizes) for trace in traces)
+                kind == "bound" or any(trace.covers(kind, _place(slices, node), sizes) for trace in traces)
                 for kind, node in zip(kinds, nodes, strict=True)
             )
             corners = np.array([(edge, second.value), (edge, first.value)])
@@ -833,40 +805,18 @@ def _outside(
             yield Region(words=words, unstable=None, sheet=-1, pieces=tuple(polygons))
 
 
-def _signed_area(polygon: Array) -> float:
+def signed_area(polygon: Array) -> float:
+    """Area of a polygon, shape (n, 2); negative if it is clockwise."""
     x, y = polygon.T
     return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
 
 
-@dataclass(slots=True)
-class _Classes:
-    """Classes of equivalent keys."""
-
-    keys: Iterable[tuple[int, int]]
-    parent: dict[tuple[int, int], tuple[int, int]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.parent = {key: key for key in self.keys}
-
-    def root(self, key: tuple[int, int]) -> tuple[int, int]:
-        """The key that stands for a class."""
-        while self.parent[key] != key:
-            key = self.parent[key]
-        return key
-
-    def join(self, first: tuple[int, int], second: tuple[int, int]) -> None:
-        """Make two keys equivalent."""
-        first, second = sorted((self.root(first), self.root(second)))
-        self.parent[second] = first
-
-    def roots(self) -> list[tuple[int, int]]:
-        """One key of every class."""
-        return [key for key, parent in self.parent.items() if key == parent]
-
-    def numbers(self) -> dict[tuple[int, int], int]:
-        """The number of every key's class; large classes first."""
-        members = dict[tuple[int, int], int]()
-        for key in self.parent:
-            members[self.root(key)] = members.get(self.root(key), 0) + 1
-        order = sorted(members, key=lambda root: -members[root])
-        return {key: order.index(self.root(key)) for key in self.parent}
+def _classes(keys: Sequence[Node], joined: Iterable[tuple[Node, Node]]) -> dict[Node, int]:
+    """The number of the class of every key, where joined keys are in one class; large classes first."""
+    of = {key: [key] for key in keys}
+    for first, second in joined:
+        if of[first] is not of[second]:
+            of[first].extend(of[second])
+            of.update(dict.fromkeys(of[second], of[first]))
+    classes = sorted({id(each): each for each in of.values()}.values(), key=lambda each: (-len(each), min(each)))
+    return {key: number for number, members in enumerate(classes) for key in members}
