@@ -76,6 +76,11 @@ class Segment:
         return self.words, self.unstable
 
     @property
+    def length(self) -> float:
+        """Length of the range of its values."""
+        return float(np.ptp([point["value"] for point in self.points]))
+
+    @property
     def middle(self) -> Record:
         """The gait nearest to the middle of its values."""
         values = [point["value"] for point in self.points]
@@ -252,7 +257,7 @@ class Traced:
     specials: tuple[tuple[str, tuple[float, float]], ...]
     steps: int = 1
 
-    def covers(self, kind: str, place: tuple[float, float], sizes: Array) -> bool:
+    def covers(self, kind: str, place: Sequence[float], sizes: Array) -> bool:
         """Whether a special point lies on it, up to the distance of a chord from its arc."""
         return alike(kind, self.type) and _position(place, self.points, sizes)[0] < ON_CURVE
 
@@ -682,7 +687,7 @@ def _followed(
     return number, None
 
 
-def _position(place: tuple[float, float], points: Array, sizes: Array) -> tuple[float, float]:
+def _position(place: Sequence[float], points: Array, sizes: Array) -> tuple[float, float]:
     """Distance of a place from a line through points, relative to the ranges, and where it is nearest: point k at k."""
     starts, steps = points[:-1] / sizes, np.diff(points / sizes, axis=0)
     offsets = np.array(place) / sizes - starts

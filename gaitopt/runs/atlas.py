@@ -30,6 +30,7 @@ from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import AtlasJobRecord, AtlasRecord
 from gaitopt.gait.regions import (
+    UNKNOWN,
     Arrangement,
     Region,
     Slice,
@@ -64,7 +65,12 @@ if TYPE_CHECKING:
 Record = Mapping[str, Any]
 
 ATLAS_FILE = "atlas.json"
-ATLAS_JOBS = ResultFile(name="atlas.jsonl", key="job", model=AtlasJobRecord)
+ATLAS_JOBS = ResultFile(
+    name="atlas.jsonl",
+    key="job",
+    model=AtlasJobRecord,
+    is_outdated=lambda line: any("record" not in special for special in line.get("specials", ())),
+)
 STORED_POINTS = 9
 """Number of gaits of a segment that are stored: its two ends, and others evenly between them."""
 INSIDE = 1e-9
@@ -91,6 +97,7 @@ class Atlas(Reported):
     slices : the branches in the first parameter, ascending in the second; then those of families of doubled gaits.
     arrangement : regions, curves, and the points where curves meet.
     gaits : for every region, the record of its verified gait, or the reason why there is none.
+    unexplained : ranges of the second parameter between two branches that differ more than the traced curves explain.
     folder : folder of its files.
     """
 
@@ -99,6 +106,7 @@ class Atlas(Reported):
     slices: tuple[Slice, ...]
     arrangement: Arrangement
     gaits: tuple[Record, ...]
+    unexplained: tuple[tuple[float, float], ...] = ()
     folder: Path | None = None
 
     def __repr__(self) -> str:
@@ -120,6 +128,7 @@ class Atlas(Reported):
             "over": [asdict(axis) for axis in self.axes],
             "branches": len({each.value for each in self.slices}),
             "sheets": self.sheets,
+            "unexplained": [list(gap) for gap in self.unexplained],
             "curves": [
                 {
                     "type": curve.type,
@@ -178,7 +187,7 @@ def read_atlas(place: Path) -> Atlas:
     grid = validated(Grid, {"axes": stated["over"]}, place / ATLAS_FILE)
     lines = {line["job"]: line for line in run.lines(ATLAS_JOBS.name)}
     for number, line in enumerate(lines.values(), start=1):
-        validated(AtlasJobRecord, line, run.path(ATLAS_JOBS.name), number)
+        ATLAS_JOBS.check(line, run.path(ATLAS_JOBS.name), number)
     missing = [key for key in stated["jobs"] if key not in lines]
     if missing:
         raise StorageError(f"{run.path(ATLAS_JOBS.name)} lacks the branch with the key {missing[0]}; it is unchanged")
@@ -187,47 +196,43 @@ def read_atlas(place: Path) -> Atlas:
 
 
 def _assembled(problem: Problem, axes: tuple[Axis, Axis], records: Sequence[Record], place: Path) -> Atlas:
-    """The atlas from the records of its jobs: those of branches, and those of gaits in regions."""
-    slices = _slices(record for record in records if "segments" in record)
-    checked = {_checked_key(record["at"]): record for record in records if "at" in record}
-    traces = _traced(record for record in records if "trace" in record)
-    arrangement, gaits = arrange(slices, (axes[0].lower, axes[0].upper), traces), list[Record]()
-    slices = [each for family in families(slices) for each in family]
-    regions = list[Region]()
-    for region in arrangement.regions:
-        place_of = _representative(slices, region, axes)
-        known = None if place_of is None else checked.get(_checked_key(place_of[0]))
-        gaits.append({} if known is None else {key: value for key, value in known.items() if key != "job"})
-        wrong = known is not None and known["gait"] is None
-        regions.append(replace(region, words="unknown", unstable=None) if wrong else region)
+    """The atlas from the records of its jobs: those of branches, curves, and gaits in regions."""
+    slices, traces, arrangement, known = _arranged(records, axes)
+    checked = {(*record["at"].values(),): record for record in records if "at" in record}
+    regions, gaits = list[Region](), list[Record]()
+    for region, gait in zip(arrangement.regions, known, strict=True):
+        record = checked.get((*gait[0].values(),), {}) if gait else {}
+        gaits.append({key: value for key, value in record.items() if key != "job"})
+        failed = record.get("gait", {}) is None
+        regions.append(replace(region, words=UNKNOWN, unstable=None) if failed else region)
+    values = [each.value for each in slices]
+    gaps = open_gaps(slices, traces, (axes[0].lower, axes[0].upper))
     return Atlas(
         problem=problem,
         axes=axes,
-        slices=tuple(slices),
+        slices=tuple(each for family in families(slices) for each in family),
         arrangement=replace(arrangement, regions=tuple(regions)),
         gaits=tuple(gaits),
+        unexplained=tuple((values[j], values[j + 1]) for j in gaps),
         folder=place,
     )
 
 
-def _checked_key(at: Mapping[str, float]) -> tuple[float, ...]:
-    return tuple(at.values())
-
-
-def _representative(
-    slices: Sequence[Slice], region: Region, axes: tuple[Axis, Axis]
-) -> tuple[dict[str, float], Record] | None:
-    """A place in the middle of the longest segment of a region, and the gait that is known there."""
-    if not region.places:
-        return None
-
-    def length(place: tuple[int, int]) -> float:
-        values = [point["value"] for point in slices[place[0]].segments[place[1]].points]
-        return max(values) - min(values)
-
-    j, i = max(region.places, key=length)
-    gait = slices[j].segments[i].middle
-    return {axes[0].key: gait["value"], axes[1].key: slices[j].value}, gait
+def _arranged(
+    records: Iterable[Record], axes: tuple[Axis, Axis]
+) -> tuple[list[Slice], list[Traced], Arrangement, list[tuple[dict[str, float], Record] | None]]:
+    """Branches, traces, their arrangement; for every region the place and gait in the middle of its longest segment."""
+    records = [*records]
+    slices, traces = _slices(records), _traced(records)
+    arrangement = arrange(slices, (axes[0].lower, axes[0].upper), traces)
+    segments = [[(each.value, segment) for segment in each.segments] for family in families(slices) for each in family]
+    known = list[tuple[dict[str, float], Record] | None]()
+    for region in arrangement.regions:
+        inside = [segments[j][i] for j, i in region.places]
+        value, longest = max(inside, key=lambda pair: pair[1].length, default=(0.0, None))
+        gait = None if longest is None else longest.middle
+        known.append(None if gait is None else ({axes[0].key: gait["value"], axes[1].key: value}, gait))
+    return slices, traces, arrangement, known
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -265,12 +270,10 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
         """The branches, refined until curves explain their differences, and a verified gait in every region."""
         with jobs.kept() as workers:
             branches, traces = self._branches_and_curves(workers)
-            slices = _slices(branches.values())
-            regions = arrange(slices, self.span, _traced(traces.values())).regions
-            every = [each for family in families(slices) for each in family]
-            places = filter(None, (_representative(every, region, self.axes) for region in regions))
+            _, _, _, known = _arranged([*branches.values(), *traces.values()], self.axes)
             checks = [
-                self._job(check_job, ["check", at], {"at": at, "gait": None}, at, dict(gait)) for at, gait in places
+                self._job(check_job, ["check", at], {"at": at, "gait": None}, at, dict(gait))
+                for at, gait in filter(None, known)
             ]
             checked = self._completed(workers, checks)
         done = {**branches, **traces, **checked}
@@ -331,10 +334,7 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
                 continue
             kind, place = str(special["type"]), (float(special["value"]), value)
             alone = (kind, str(special.get("from")), str(special.get("to")))
-            covered = any(
-                alike(kind, trace.type) and trace.steps == family[j].steps and trace.covers(place, self.sizes)
-                for trace in known
-            )
+            covered = any(trace.steps == family[j].steps and trace.covers(kind, place, self.sizes) for trace in known)
             job = self._job(trace_job, ["trace", kind, place], untraced(kind), self.axes, value, dict(special))
             if not covered and alone not in types and job.key not in traces:
                 types.add(alone)
@@ -384,7 +384,8 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
 
 
 def _slices(records: Iterable[Record]) -> list[Slice]:
-    return ordered(map(Slice.from_record, records))
+    """The branches among some records, ascending in the second parameter."""
+    return ordered(Slice.from_record(record) for record in records if "segments" in record)
 
 
 def _traced(records: Iterable[Record]) -> list[Traced]:
@@ -397,7 +398,7 @@ def _traced(records: Iterable[Record]) -> list[Traced]:
             steps=record["steps"],
         )
         for record in records
-        if len(record["trace"]) > 1
+        if len(record.get("trace", ())) > 1
     ]
 
 
@@ -421,14 +422,12 @@ def begun_curves(traces: Mapping[str, Record], sizes: Array, most: int) -> Itera
             place = np.array([*special["values"].values()])
             for number, start in enumerate(special["next"]):
                 kind, steps = start["type"], len(start.get("gait", special["gait"]).get("steps", (1,)))
-                covered = any(
-                    alike(kind, trace.type) and trace.steps == steps and trace.covers((place[0], place[1]), sizes)
-                    for trace in others
-                ) or any(
+                same = (
                     alike(kind, other) and steps == count and np.allclose(place, at, rtol=SAME_VALUE)
                     for other, count, at in begun
                 )
-                if steps <= most and not covered:
+                traced = (trace.steps == steps and trace.covers(kind, place.tolist(), sizes) for trace in others)
+                if steps <= most and not any(same) and not any(traced):
                     begun.append((kind, steps, place))
                     yield special, number
 

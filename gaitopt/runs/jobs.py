@@ -114,13 +114,21 @@ class Plan(Request, ABC, Generic[R]):
 class ResultFile:
     """A file with one result per line: its name, the entry with the key of the job, and the type of a line.
 
-    A ``shared`` file is used by all work of a run and lies in the run folder, not in a subfolder.
+    A ``shared`` file is used by all work of a run and lies in the run folder, not in a subfolder. ``is_outdated`` tells
+    whether an earlier version wrote a line, which is then refused.
     """
 
     name: str
     key: str
     model: Any
     shared: bool = False
+    is_outdated: Callable[[Mapping[str, Any]], bool] | None = None
+
+    def check(self, record: Mapping[str, Any], path: Path, number: int, **context: Any) -> None:
+        """Raise a StorageError that names the line if a record does not match the type, or is outdated."""
+        if self.is_outdated is not None and self.is_outdated(record):
+            raise StorageError(f"{path.parent} was written by an earlier version: delete it and repeat the command")
+        validated(self.model, record, path, number, **context)
 
     @contextmanager
     def opened(self, run: Run, problem: Problem) -> Iterator[Stored]:
@@ -135,7 +143,7 @@ class ResultFile:
         with run.appending(self.name) as lines:
             results, states = dict[str, Any](), problem.walker.state_names()
             for number, record in enumerate(lines.records, start=1):
-                validated(self.model, record, run.path(self.name), number, states=states)
+                self.check(record, run.path(self.name), number, states=states)
                 results[record[self.key]] = record
 
             def store(key: str, result: Mapping[str, Any]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from matplotlib.path import Path as Outline
 from matplotlib.tri import Triangulation
 
 from gaitopt.arrays import Array
-from gaitopt.gait.regions import NO_GAIT, UNKNOWN, Junction, Region
+from gaitopt.gait.regions import NO_GAIT, UNKNOWN, Curve, Junction, Region, signed_area
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.runs.atlas import Atlas
 from gaitopt.runs.grid import Axis
@@ -44,14 +44,14 @@ LINES: Mapping[str, tuple[str, str, Any, float]] = {
     "lift_off": ("foot lifts off", "#332288", (0, (1, 1)), 1.6),
     "painleve": ("Painlevé paradox", "#aa4499", (0, (1, 1)), 1.6),
     "vanishing": ("gait vanishes", "#999933", (0, (1, 1)), 1.6),
-    "end": ("branch ends", NEUTRAL, (0, (1, 1.5)), 1.0),
+    "end": ("gaits end", NEUTRAL, (0, (1, 1.5)), 1.0),
 }
 """Words, colour, style and width of every type of curve."""
 NAMES = {
     "resonance_1_1": "1:1", "resonance_1_2": "1:2", "resonance_1_3": "1:3", "resonance_1_4": "1:4",
     "fold_flip": "fold–flip", "generalised_flip": "generalised flip", "chenciner": "Chenciner", "cusp": "cusp",
     "fold_neimark_sacker": "fold–NS", "flip_neimark_sacker": "flip–NS", "double_neimark_sacker": "double NS",
-    "margin_crossing": "margins", "margin_fold": "fold–margin", "margin_period_doubling": "flip–margin",
+    "margin_crossing": "margins cross", "margin_fold": "fold–margin", "margin_period_doubling": "flip–margin",
     "margin_neimark_sacker": "NS–margin",
 }  # fmt: skip
 """Names of codimension-two points beside their markers; NS stands for Neimark-Sacker."""
@@ -107,14 +107,20 @@ def atlas_figure(atlas: Atlas, name: str = REGIONS) -> Figure:
         handles.append(patch)
     if any(region.unstable for region in shown):
         handles.append(Patch(facecolor="white", edgecolor=HATCH_COLOUR, hatch=HATCH, linewidth=0, label="unstable"))
-    for kind in dict.fromkeys(curve.type for curve in drawn):
+    for kind, reason in dict.fromkeys((curve.type, end_reason(curve)) for curve in drawn):
         text, colour, style, width = LINES.get(kind, (kind, NEUTRAL, "-", 1.0))
-        handles.append(entry(text, color=colour, linestyle=style, linewidth=width))
+        handles.append(entry(f"{text}: {reason}" if reason else text, color=colour, linestyle=style, linewidth=width))
     if points:
         text = "codimension-two point"
         handles.append(entry(text, marker="o", linestyle="", color="black", markerfacecolor="white", markersize=5))
     legend_below(figure, handles)
     return figure
+
+
+def end_reason(curve: Curve) -> str:
+    """Why gaits end on a curve: the condition that vanishes there; empty for curves of other types."""
+    reason = str(curve.records[0].get("reason", "")) if curve.type == "end" and curve.records else ""
+    return reason.partition(";")[0].replace("_", " ")
 
 
 def point_name(junction: Junction) -> str:
@@ -128,8 +134,11 @@ def sequences(atlas: Atlas) -> tuple[str, ...]:
 
 
 def axis_label(axis: Axis, atlas: Atlas) -> Label:
-    """Label of an axis, in degrees if its range was given so."""
+    """Label of an axis, in degrees if its range was given so; a parameter of the walker is described."""
     written = label(axis.key, atlas.problem)
+    field = type(atlas.problem.walker).model_fields.get(axis.key.removeprefix("walker."))
+    if axis.key.startswith("walker.") and field is not None and field.description:
+        written = replace(written, words=field.description.partition(" [")[0].partition(",")[0])
     return replace(written, unit="°") if axis.unit == "deg" else written
 
 
@@ -151,7 +160,8 @@ def _tint(colour: str) -> str:
 
 def _fill(axes: Axes, region: Region, tint: str, ranges: tuple[Axis, Axis]) -> None:
     """Fill the polygons of a region as one; the thin edge closes the gaps between them."""
-    outlines = [_oriented(shown_in(piece, ranges)) for piece in region.pieces if len(piece) > 2]
+    outlines = [shown_in(piece, ranges) for piece in region.pieces if len(piece) > 2]
+    outlines = [outline if signed_area(outline) > 0 else outline[::-1] for outline in outlines]  # touching
     if not outlines:
         return
     vertices = np.concatenate([np.vstack([outline, outline[:1]]) for outline in outlines])
@@ -162,13 +172,6 @@ def _fill(axes: Axes, region: Region, tint: str, ranges: tuple[Axis, Axis]) -> N
     axes.add_patch(PathPatch(path, facecolor=tint, edgecolor=tint, linewidth=0.6, zorder=1))
     if region.unstable:
         axes.add_patch(PathPatch(path, facecolor="none", edgecolor=HATCH_COLOUR, hatch=HATCH, linewidth=0, zorder=2))
-
-
-def _oriented(outline: Array) -> Array:
-    """The polygon counterclockwise, so that polygons that touch fill one area."""
-    x, y = outline.T
-    area = np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))
-    return outline if area > 0 else outline[::-1]
 
 
 def _contours(axes: Axes, atlas: Atlas, scalar: str, sheet: int) -> list[Line2D]:

@@ -64,6 +64,11 @@ MARKER_SIZE = np.array([0.015, 0.02])
 """Half size of the marker of a special point, and distance of its value, relative to the axes."""
 DISTANCES = (1.0, 2.0, 3.5)
 """Distances at which a value is tried, as multiples of ``MARKER_SIZE``; the closest one that is free is taken."""
+COVERING, CROSSING = 1.5, 20.0
+"""Further distance at which a text is preferred to one that covers a point of a curve, and to one whose line crosses
+another mark or text."""
+LEADER_POINTS = 30
+"""Number of points of a line at which crossings are looked for."""
 VERTICAL_MARGIN = 0.11
 """Margin above and below the curves for the values of special points at their edge, relative to their height."""
 VALUE_REGION = np.array([[0.0, 0.0], [1.03, 1.08]])
@@ -227,7 +232,8 @@ def write_beside(
 ) -> None:
     """Write texts beside marks where they cover no mark, text or curve.
 
-    Without such a place a text is left out; if the size of letters is given, it is written where it covers least.
+    Without such a place a text is left out; if the size of letters is given, it is written where it covers least and the
+    line to its mark crosses no other.
 
     Parameters
     ----------
@@ -242,26 +248,29 @@ def write_beside(
     for text, value, height in marks:
         at, options = to_axes.transform((value, height)), list[Any]()
         size = VALUE_SIZE if letter is None else np.array([letter[0] * len(text), letter[1]])
-        sides = product(away, (1, -1), (1, -1)) if text else ()
+        sides = product(away, (1, -1), (1, -1) if letter is None else (1, -1, 0)) if text else ()
         for distance, side in ((distance, np.array(side)) for distance, *side in sides):
-            low, high = np.sort(
-                [at + distance * MARKER_SIZE * side, at + (distance * MARKER_SIZE + size) * side], axis=0
-            )
+            centre = at + side * (distance * MARKER_SIZE + size / 2)
+            low, high = centre - size / 2, centre + size / 2
             if any(np.all((low < top) & (bottom < high)) for bottom, top in taken):
                 continue
+            leader = np.linspace(at, centre, LEADER_POINTS)
+            others = (box for box in taken if not np.all((box[0] < at) & (at < box[1])))
+            crossed = sum(bool(np.all((bottom < leader) & (leader < top), axis=1).any()) for bottom, top in others)
             if np.all(low >= VALUE_REGION[0]) and np.all(high <= VALUE_REGION[1]):
                 covered = int(np.all((low < curves) & (curves < high), axis=1).sum())
                 if not covered or letter is not None:
-                    options.append((covered, distance, side, low, high))
+                    cost = COVERING * covered + CROSSING * crossed + distance
+                    options.append((cost, distance, side, low, high))
         if options:
-            _, distance, (right, up), low, high = min(options, key=lambda option: option[0] + option[1])
+            _, distance, (right, up), low, high = min(options, key=lambda option: option[0])
             taken.append((low, high))
             ink, near = (NEUTRAL, DISTANCES[-1]) if letter is None else ("black", DISTANCES[1])
-            leader = {"arrowstyle": "-", "color": ink, "linewidth": 0.7} if distance > near else None
+            arrow = {"arrowstyle": "-", "color": ink, "linewidth": 0.7} if distance > near else None
             axes.annotate(
                 text, (value, height), xytext=(7 * distance * right, 5 * distance * up), textcoords="offset points",
-                ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top", fontsize="small",
-                color=ink, arrowprops=leader,
+                ha="left" if right > 0 else "right", va=("center", "bottom", "top")[up], fontsize="small",
+                color=ink, arrowprops=arrow,
                 path_effects=[] if letter is None else [withStroke(linewidth=2, foreground="white")],
             )  # fmt: skip
 

@@ -330,6 +330,9 @@ def print_atlas(console: Console, record: Record) -> None:
     console.print(f"{record['problem']} over {' and '.join(spans)}", style="bold")
     sheets = "" if record["sheets"] == 1 else f", {record['sheets']} sheets"
     console.print(f"{counts}, {counted(len(record['curves']), 'curve')}{sheets}")
+    for low, high in record["unexplained"]:
+        gap = " and ".join(number(_in_unit(value, axes[1])) for value in (low, high))
+        console.print(f"A curve is missing between {keys[1]} {gap}: try more --refinements.")
     rows = []
     for region in record["regions"]:
         gait, at = region.get("gait") or {}, region.get("at") or {}

@@ -7,7 +7,7 @@ import pytest
 from named import named
 
 import gaitopt as go
-from gaitopt.errors import ArgumentError, ProblemError, UnknownNameError
+from gaitopt.errors import ArgumentError, ProblemError, StorageError, UnknownNameError
 from gaitopt.runs.atlas import ATLAS_JOBS, begun_curves, read_atlas, slice_job
 from gaitopt.runs.grid import Axis
 
@@ -66,6 +66,27 @@ def test_the_atlas_of_the_compass_has_its_resonances_and_regions(tmp_path) -> No
     (torus,) = [curve for curve in found.arrangement.curves if curve.type == "neimark_sacker"]
     at_1 = np.interp(radians(1), torus.points[:, 1], torus.points[:, 0])
     assert at_1 == pytest.approx(0.1103495808, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_branches_are_added_until_curves_explain_their_differences(tmp_path) -> None:
+    over = {"friction": (0.05, 0.08), "walker.slope": ("0.2 deg", "1 deg")}
+    few, enough = (
+        go.atlas("compass-passive-a", over, slices=3, refinements=n, workers=1, output=tmp_path, progress=False)
+        for n in (0, 3)
+    )
+    assert degrees(few.unexplained[0][1]) == pytest.approx(0.6)
+    assert not enough.unexplained
+    short = min((c for c in enough.arrangement.curves if c.type == "period_doubling"), key=lambda c: c.points[-1, 1])
+    ends = np.array([(0.05, 0.004065045317), (0.0593237022, 0.005704587)])  # of the trace from a branch at 0.32 deg
+    assert short.points[[0, -1]] == pytest.approx(ends, abs=1e-9)
+
+
+def test_a_folder_of_an_earlier_version_is_refused(tmp_path) -> None:
+    special = {"type": "end", "value": 0.2, "status": "converged"}
+    line = {"job": "1", "value": 0.1, "segments": [], "specials": [special]}
+    with pytest.raises(StorageError, match="earlier version: delete it and repeat the command"):
+        ATLAS_JOBS.check(line, tmp_path / ATLAS_JOBS.name, 1)
 
 
 @pytest.mark.slow
