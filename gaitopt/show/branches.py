@@ -64,7 +64,7 @@ MARKER_SIZE = np.array([0.015, 0.02])
 """Half size of the marker of a special point, and distance of its value, relative to the axes."""
 DISTANCES = (1.0, 2.0, 3.5)
 """Distances at which a value is tried, as multiples of ``MARKER_SIZE``; the closest one that is free is taken."""
-COVERING, CROSSING = 1.5, 20.0
+PER_POINT, PER_CROSSING = 1.5, 20.0
 """Further distance at which a text is preferred to one that covers a point of a curve, and to one whose line crosses
 another mark or text."""
 LEADER_POINTS = 30
@@ -232,8 +232,8 @@ def write_beside(
 ) -> None:
     """Write texts beside marks where they cover no mark, text or curve.
 
-    Without such a place a text is left out; if the size of letters is given, it is written where it covers least and the
-    line to its mark crosses no other.
+    Without such a place a text is left out; if the size of letters is given, it is written where it covers least, and
+    the line to its mark crosses least.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def write_beside(
             if np.all(low >= VALUE_REGION[0]) and np.all(high <= VALUE_REGION[1]):
                 covered = int(np.all((low < curves) & (curves < high), axis=1).sum())
                 if not covered or letter is not None:
-                    cost = COVERING * covered + CROSSING * crossed + distance
+                    cost = PER_POINT * covered + PER_CROSSING * crossed + distance
                     options.append((cost, distance, side, low, high))
         if options:
             _, distance, (right, up), low, high = min(options, key=lambda option: option[0])
