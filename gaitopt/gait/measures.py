@@ -13,8 +13,8 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.shares import share_bounds
-from gaitopt.gait.trajectory import Arc, Step, push_work
-from gaitopt.model.buffered import buffered, buffered_map
+from gaitopt.gait.trajectory import Arc, Step, along, push_work
+from gaitopt.model.buffered import buffered
 from gaitopt.model.contacts import undetermined
 from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.declaration import joint_limits
@@ -63,9 +63,7 @@ class Observation:
 
 def observe(arc: Arc) -> Observation:
     """Evaluate contact forces, torques, power, swing foot and energy along ``arc``."""
-    system, p = arc.dynamics.system, arc.dynamics.p
-    observation = buffered_map(system.observation(arc.mode), arc.times.size)
-    outputs = observation(arc.times[:, None], arc.states, p, system.data(arc.segment))
+    outputs = along(arc, arc.dynamics.system.observation(arc.mode))
     force, torque, power, foot, energy, _, loss, slip = (value.copy() for value in outputs)
     return Observation(
         force=force, slip=slip, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0], loss=loss[:, 0]
@@ -141,7 +139,7 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
 
 def angles_of(arc: Arc) -> tuple[Array, Array]:
     """Angles of ``HybridSystem.angle_names`` along an arc and their rates, shape (m, n) each [rad, or m; per s]."""
-    angles, rates = buffered_map(arc.dynamics.system.angles, arc.times.size)(arc.states, arc.dynamics.p)
+    angles, rates = along(arc, arc.dynamics.system.angles)
     return angles.copy(), rates.copy()
 
 
@@ -281,10 +279,9 @@ class _Measured:
     @property
     def flights(self) -> Iterator[Array]:
         """Heights of the centre of mass along every arc without contact [m]."""
-        height = self._dynamics.system.centre_height
         for arc, _ in self.arcs:
             if not arc.mode.touching:
-                yield buffered_map(height, arc.times.size)(arc.states, arc.dynamics.p)[0][:, 0].copy()
+                yield along(arc, self._dynamics.system.centre_height)[0][:, 0].copy()
 
     @property
     def incline(self) -> float:

@@ -14,8 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.gait.trajectory import Arc
-from gaitopt.model.buffered import buffered_map
+from gaitopt.gait.trajectory import Arc, along
 from gaitopt.model.contacts import LARGEST_REMAINDER, LOCKED, constraint_rows, constraint_structure
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
@@ -60,7 +59,7 @@ def _possible_forces(arc: Arc) -> Iterator[tuple[str, Array]]:
     walker, m = system.walker, arc.times.size
     structure, number = constraint_structure(walker, mode), {name: k for k, name in enumerate(walker.contact_names())}
     nulls = _null_spaces(arc)  # (m, n, d)
-    force = buffered_map(system.observation(mode), m)(arc.times[:, None], arc.states, p, system.data(arc.segment))[0]
+    force = along(arc, system.observation(mode))[0]
     index = {constraint: k for k, constraint in enumerate(structure.constraints)}
 
     def family(name: str, row: int) -> tuple[Array, Array]:
@@ -102,7 +101,7 @@ def _null_spaces(arc: Arc) -> Array:
     structure, shapes = constraint_structure(system.walker, mode), system.mechanics_shapes
     terms = [*shapes]
     start = sum(int(np.prod(shapes[term])) for term in terms[: terms.index("J")])
-    (values,) = buffered_map(system.mechanics, arc.times.size)(arc.states, arc.dynamics.p)
+    (values,) = along(arc, system.mechanics)
     J = values[:, start : start + int(np.prod(shapes["J"]))].reshape(-1, *shapes["J"])
     J = J[:, constraint_rows(system.walker, structure.constraints)]
     kept, dropped = J[:, [*structure.kept]], J[:, [*structure.dropped]]

@@ -3,9 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from casadi import Function
 from numpy.polynomial import chebyshev
 
 from gaitopt.arrays import Array, ReadOnlyArrays
@@ -13,7 +14,7 @@ from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError
 from gaitopt.gait import curves
 from gaitopt.gait.frames import data_frame, sample_set
-from gaitopt.model.buffered import buffered
+from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.cycle import ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -69,6 +70,17 @@ class Arc(ReadOnlyArrays):
     def duration(self) -> float:
         """Duration of the arc [s]."""
         return self.end - self.start
+
+
+def along(arc: Arc, function: Function) -> tuple[Array, ...]:
+    """The outputs of a function (t, z, p, r), or (z, p), at the points of an arc; for their shapes see ``BufferedMap``.
+
+    They are valid until the next call.
+    """
+    inputs: tuple[Any, ...] = (arc.states, arc.dynamics.p)
+    if function.n_in() > len(inputs):
+        inputs = (arc.times[:, None], *inputs, arc.dynamics.system.data(arc.segment))
+    return buffered_map(function, arc.times.size)(*inputs)
 
 
 def _interpolated(arc: Arc, time: float) -> Array:

@@ -32,8 +32,7 @@ from numpy.polynomial import chebyshev
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.records import ConstraintRecord, ZeroDynamicsRecord
-from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.model.buffered import buffered_map
+from gaitopt.gait.trajectory import Arc, Step, along
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.virtual_constraints import Law, VirtualConstraints
@@ -119,10 +118,7 @@ def unactuated_direction(system: HybridSystem, E: Array) -> Array:
 
 def _evaluated(arc: Arc, function: Function) -> dict[str, Array]:
     """The outputs of a function (t, z, p, r) along an arc, by name; matrices are transposed, see ``BufferedMap``."""
-    dynamics = arc.dynamics
-    data = dynamics.system.data(arc.segment)
-    values = buffered_map(function, arc.times.size)(arc.times[:, None], arc.states, dynamics.p, data)
-    return {name: value.copy() for name, value in zip(function.name_out(), values, strict=True)}
+    return {name: value.copy() for name, value in zip(function.name_out(), along(arc, function), strict=True)}
 
 
 def _smallest_singular_value(matrices: Array) -> float:

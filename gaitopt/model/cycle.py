@@ -34,6 +34,12 @@ def mode_words(phases: Iterable[Mode], timed: Iterable[int] = ()) -> str:
     return ", ".join(texts)
 
 
+def ended_slips(mode: Mode, after: Mode) -> tuple[str, ...]:
+    """The contacts that slip in a mode, and rest or slip in the other direction in the mode ``after``."""
+    slipping = (name for name, direction in mode.directions.items() if direction and name in after.touching)
+    return tuple(name for name in slipping if after.directions[name] != mode.directions[name])
+
+
 @dataclass(frozen=True, slots=True)
 class ModeSequence:
     """The phases of one step in order, and the impact that ends it.
@@ -214,8 +220,7 @@ class Cycle:
         mode, after = self.phases[phase], self.after(phase)
         if after is None or self.reset_after(phase) is not None:
             return ()
-        ended = (name for name, d in mode.directions.items() if d and name in after.touching)
-        stopped = tuple(name for name in ended if after.directions[name] != mode.directions[name])
+        stopped = ended_slips(mode, after)
         return stopped if len(stopped) > 1 else ()
 
     @cached_property

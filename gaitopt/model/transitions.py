@@ -39,7 +39,7 @@ from functools import lru_cache
 from itertools import product
 
 from gaitopt.model.contacts import TANGENTIAL, constraint_structure, shares_of
-from gaitopt.model.cycle import BREAKPOINT, Cycle, ModeSequence
+from gaitopt.model.cycle import BREAKPOINT, Cycle, ModeSequence, ended_slips
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.modes import FOOT, NEXT_STATE, OFF, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN
@@ -544,8 +544,7 @@ class Transitions:
 
     def _stopping_together(self, mode: Mode, after: Mode) -> list[Transition]:
         """The transition at which several slips end at one instant, as in symmetric motions; the first is its guard."""
-        stopped = [name for name, d in mode.directions.items() if d and after.contacts.get(name) in AT_REST[:-1]]
-        stopped = [name for name in stopped if after.directions[name] != mode.directions[name]]
+        stopped = ended_slips(mode, after)
         rests = (*_at_rest(mode), *stopped)
         if len(stopped) < 2 or after not in self._candidates(mode, rests):
             return []
@@ -562,8 +561,7 @@ class Transitions:
         -------
         stops : for each slip its contact, and the modes just before and just after it stops.
         """
-        ended = [name for name, d in mode.directions.items() if d and name in after.touching]
-        ended = [name for name in ended if after.directions[name] != mode.directions[name]]
+        ended = ended_slips(mode, after)
         if len(ended) < 2:
             return ()
         structure = constraint_structure(self.walker, mode.with_states(dict.fromkeys(ended, AT_REST[0])))
