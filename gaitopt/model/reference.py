@@ -34,7 +34,7 @@ from pydantic import (
 
 from gaitopt.arrays import Array
 from gaitopt.model.curve import BeyondEnd, Curve, Piece, bezier_curve, continuation, keys
-from gaitopt.model.units import DURATION, SMALLEST, Angle, Duration, Within, parse_angle, parse_number
+from gaitopt.model.units import DURATION, SMALLEST, Angle, Duration, Within, parse_angle, parse_number, unknown_faults
 from gaitopt.model.walker import WalkerType
 
 Path = tuple[str | int, ...]
@@ -125,15 +125,15 @@ def _largest_value(points: Sequence[float]) -> float:
     return float(np.abs(rows).max())
 
 
-def point_faults(point: float | FreePoint) -> Iterator[tuple[Path, str]]:
-    """Bounds and guess of an unknown that contradict each other."""
-    if not isinstance(point, FreePoint):
-        return
-    words = f"[{point.free[0]:g}, {point.free[1]:g}]"
-    if not point.free[0] < point.free[1]:
-        yield ("free",), f"is empty: {words} needs lo < hi; for a fixed value, give a number"
-    elif not point.free[0] <= point.guess <= point.free[1]:
-        yield ("guess",), f"{point.guess:g} is outside of its bounds {words}"
+def _point_faults(point: float | FreePoint, *path: str | int) -> Iterator[Fault]:
+    """Bounds and guess of an unknown control point with this path that contradict each other."""
+    if isinstance(point, FreePoint):
+        yield from (((*path, key), words) for key, words in unknown_faults(point.free[0], point.free[1], point.guess))
+
+
+def _angle_limit(walker: WalkerType) -> str:
+    """The sentence about the largest angles of a walker."""
+    return f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
 
 
 MOST_KNOTS = 60
@@ -479,7 +479,7 @@ class ConstantCurves(Reference):
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Bounds of unknowns that contradict their guess."""
         for name, point in self.constant.items():
-            yield from ((("constant", name, *path), words) for path, words in point_faults(point))
+            yield from _point_faults(point, "constant", name)
 
     def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
         return _given_curve(self, span, phase)
@@ -497,8 +497,7 @@ class ConstantMotion(ConstantCurves):
                 continue
             for value in point.free if isinstance(point, FreePoint) else (point,):
                 if joint in {*walker.shape} - {*walker.lengths} and abs(value) > walker.largest_angle:
-                    words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
-                    yield ("constant", joint), f"{value:g} is impossible: {words}"
+                    yield ("constant", joint), f"{value:g} is impossible: {_angle_limit(walker)}"
 
 
 # Bezier curves
@@ -539,9 +538,9 @@ class BezierCurves(Reference):
                 yield ("bezier", name), f"has {len(points)} control points, must have at least 2"
                 continue
             largest = _largest_angle(name, walker)
-            words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
+            words = _angle_limit(walker)
             for k, point in enumerate(points):
-                yield from ((("bezier", name, k, *path), text) for path, text in point_faults(point))
+                yield from _point_faults(point, "bezier", name, k)
                 values = point.free if isinstance(point, FreePoint) else (point,)
                 beyond = [value for value in values if abs(value) > OVERSHOOT * largest]
                 if beyond:
@@ -672,8 +671,8 @@ class TableMotion(TableCurves):
         for name, column in angles:
             largest = float(np.abs(column).max())
             if name in {*walker.tracked} & {*walker.shape} - {*walker.lengths} and largest > walker.largest_angle:
-                words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
-                yield ("table",), f"{self.table.file}: {name} reaches {largest:g}, which is impossible: {words}"
+                words = f"{name} reaches {largest:g}, which is impossible: {_angle_limit(walker)}"
+                yield ("table",), f"{self.table.file}: {words}"
 
     def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
         return _table_curve(

@@ -12,7 +12,7 @@ general units library would parse and evaluate arbitrary expressions.
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -156,6 +156,15 @@ class Within:
         symbol = UNITS[self.unit][0]
         spans = [("", self.possible), ("usually ", self.usual)]
         return "; ".join(f"{prefix}{_range_text(span, symbol)}" for prefix, span in spans if span != ANY)
+
+
+def unknown_faults(lower: float, upper: float, guess: float) -> Iterator[tuple[str, str]]:
+    """Keys of an unknown, ``free`` or ``guess``, whose values contradict each other, with a message for each."""
+    words = f"[{lower:g}, {upper:g}]"
+    if not lower < upper:
+        yield "free", f"is empty: {words} needs lo < hi; for a fixed value, give a number"
+    elif not lower <= guess <= upper:
+        yield "guess", f"{guess:g} is outside of its bounds {words}"
 
 
 def words_and_unit(description: str) -> tuple[str, str]:

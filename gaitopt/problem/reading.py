@@ -27,7 +27,7 @@ from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import refused_controls, refused_walkers
 from gaitopt.model.section import CLOCK, TOUCHDOWN, has_stated_sections, section_of
 from gaitopt.model.transitions import transitions
-from gaitopt.model.units import SMALLEST, Angle, Number
+from gaitopt.model.units import SMALLEST, Angle, Number, unknown_faults
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
 from gaitopt.problem.scalars import ANGLE, CLEARANCE, DESIGN_SCALARS, MOTORS, PUSH, SCALARS
@@ -342,11 +342,7 @@ class _StatementReader:
         if len(bounds) < 2:
             return None
         lower, upper = bounds
-        if lower >= upper:
-            remedy = "for a fixed value, give a number"
-            self._fault((*path, "free"), f"is empty: [{lower:g}, {upper:g}] needs lo < hi; {remedy}")
-        elif not lower <= guess <= upper:
-            self._fault((*path, "guess"), f"{guess:g} is outside of its bounds [{lower:g}, {upper:g}]")
+        self._faults += [Fault((*path, key), words) for key, words in unknown_faults(lower, upper, guess)]
         return Free(lower=lower, upper=upper, guess=guess)
 
     def _read_gait(self) -> tuple[Cycle | OpenSequence | None, Guess | None]:
