@@ -6,6 +6,7 @@ import pytest
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.registry import registered_walkers
+from gaitopt.problem.faults import OverridePlace
 from gaitopt.problem.problem import load_problem, parse_problem
 
 GAIT = """\
@@ -383,3 +384,7 @@ def test_a_range_is_part_of_the_problem_and_of_its_digest():
     assert parse_problem(ranged.text).digest == ranged.digest
     assert ranged.at_own_value().over is None
     assert ranged.at_own_value().digest == ranged.digest  # its results belong to the design
+
+
+def test_a_fault_without_an_override_is_located_by_its_own_key():
+    assert OverridePlace({}, "--set ").locate(("gait", "phases", 1)) == ((0, 0), "--set gait.phases[1]")

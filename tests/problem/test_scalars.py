@@ -2,14 +2,16 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from named import named
 from rich.console import Console
 
 from gaitopt.model.units import Scales
+from gaitopt.model.walkers.slip_runner import SlipRunner
 from gaitopt.problem.problem import load_problem
-from gaitopt.problem.scalars import MEASURES, SCALARS, scalar_values, unit_of
+from gaitopt.problem.scalars import MEASURES, SCALARS, scalar_values, state_unit, unit_of
 from gaitopt.show.motion import motion_of
 from gaitopt.show.pages import animation_page
 from gaitopt.show.tables import print_gait, print_problem
@@ -65,3 +67,13 @@ def test_a_cycle_without_an_impact_is_described_by_its_clock():
     page = animation_page(motion_of(named("crawler")))
     assert "after 2 s, a period of its control law." in page
     assert "impact" not in page.partition("<script")[0]
+
+
+def test_a_length_of_a_class_that_is_not_registered_is_in_metres():
+    class Longer(SlipRunner):
+        model = "longer"
+        lengths = ("shortening", "theta")
+
+    problem = SimpleNamespace(walker=Longer, control=None)
+    assert [state_unit(name, problem) for name in ("theta", "dtheta", "shortening", "x")] == ["m", "m/s", "m", "m"]
+    assert state_unit("theta") == "rad"
