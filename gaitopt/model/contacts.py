@@ -843,7 +843,8 @@ def _dependence(constraints: tuple[Constraint, ...], J: Array, drags: Array) -> 
     nulls = np.zeros((len(constraints), len(dropped)))
     for j, k in enumerate(dropped):
         nulls[k, j] = 1
-        nulls[kept, j] = -np.linalg.lstsq(J[kept].T, J[k], rcond=None)[0]
+        weights = np.linalg.lstsq(J[kept].T, J[k], rcond=None)[0]
+        nulls[kept, j] = -np.where(np.abs(weights) > LARGEST_REMAINDER, weights, 0.0)
     G = J.T - FRICTION_SAMPLE * drags
     size = np.abs(G).max(initial=1.0)
     return Structure(

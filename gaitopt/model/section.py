@@ -210,6 +210,14 @@ class Section:
         equations, _ = closure(self._walker)
         return Function("conditions", [z, p], [densify(equations(z[: len(self._walker.shape)], p))])
 
+    @property
+    @building
+    def left_out(self) -> Function:
+        """(z, p) -> the conditions that ``conditions`` leaves out because sampled ones depend on the others."""
+        rows = [] if self.stated else [k for k in range(self._c.numel()) if k not in self._rows]
+        z, p, c = (SX.sym("z"), SX.sym("p"), SX(0, 1)) if self.stated else (self._z, self._p, self._c[rows])
+        return Function("left_out", [z, p], [densify(c)])
+
     @cached_property
     @building
     def projected(self) -> Function:

@@ -21,6 +21,7 @@ from casadi import SX, depends_on, is_equal, jtimes, simplify, substitute, vertc
 from flint import arb, arb_poly
 
 from gaitopt.building import built_once
+from gaitopt.model.contacts import undetermined
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import CONTACTS, Mode
@@ -29,6 +30,7 @@ from gaitopt.model.section import TOUCHDOWN as TOUCHDOWN_END
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import CONE, MARGINS, contact_of, is_held, kind
 from gaitopt.proof.arithmetic import BallFunction, NotProved, Refuted, hull
+from gaitopt.proof.identities import dependent_contacts, is_possible
 from gaitopt.proof.law import ExactLaw
 from gaitopt.proof.orbit import CycleEnclosure, Orbit, OrbitArc
 from gaitopt.proof.taylor import TaylorStep, derivative, evaluate
@@ -527,7 +529,7 @@ def _impact(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
         falls_through = not {*landing} <= {*other.touching}
         # under the frictionless law an impact that sticks takes precedence over one that slips
         precedes = struck.sticks and system.law is ImpactLaw.FRICTIONLESS and walker.stands_on_one()
-        if other.contact is not struck.contact and not falls_through and not precedes:
+        if other.contact is not struck.contact and not falls_through and not precedes and is_possible(walker, other):
             margins = _impact_margins(orbit, other, j, y)
             # a negative regularity does not show that the impulses of this impact are none
             if not any(margin < 0 for name, margin in margins.items() if kind(name) not in REGULARITIES):
@@ -544,7 +546,14 @@ def _after(orbit: Orbit, struck: Mode, j: int) -> Mode:
 
 
 def _impact_margins(orbit: Orbit, struck: Mode, j: int, y: Sequence[arb]) -> dict[str, arb]:
-    """The margins that have to be positive for an impact to be consistent."""
+    """The margins that have to be positive for an impact to be consistent.
+
+    Raises
+    ------
+    NotProved
+        If constraints of the impact are left out that are not shown to be dependent.
+    """
+    dependent_contacts(orbit.system.walker, struck)
     names = orbit.system.transitions.impact_margin_names(struck, orbit.arcs[j].mode)
     return dict(zip(names, orbit.impact(struck, j)(y)[0], strict=True))
 
@@ -567,21 +576,23 @@ def _all_positive(needed: Mapping[str, arb]) -> arb:
 
 def measure_bounds(orbit: Orbit, cycle: CycleEnclosure, period: arb) -> dict[str, arb | None]:
     """Bounds of the measures of every gait in the box, by the names of a gait's record."""
-    work, length, forces = arb(0), arb(0), list[tuple[list[arb], list[arb], arb, arb]]()
-    contacts = orbit.system.walker.contact_names()
+    work, length, forces, walker = arb(0), arb(0), list[tuple[list[arb], list[arb], arb, arb]](), orbit.system.walker
     for j, arc in enumerate(orbit.arcs):
         observation = orbit.field(arc.mode, j).observation
         *along, power = zip(*(step.along(observation) for step in cycle.steps[j]), strict=True)
         for series, step in zip(power, cycle.steps[j], strict=True):
             work += evaluate([arb(0), *(c / (k + 1) for k, c in enumerate(series))], hull(step.h))
         at_end = [hull(value) for value in observation(cycle.ends[j])[0]]
-        for k, name in enumerate(contacts):
-            if name in arc.mode.touching and not arc.mode.directions[name]:
-                f_t, f_n = along[2 * k], along[2 * k + 1]
-                starts = [(t[0], n[0]) for t, n in zip(f_t, f_n, strict=True)]
-                ends = [*starts[1:], (at_end[2 * k], at_end[2 * k + 1])]
-                for t, n, step, end in zip(f_t, f_n, cycle.steps[j], ends, strict=True):
-                    forces.append((t, n, hull(step.h), abs(end[0] / end[1])))
+        shared = undetermined(walker, arc.mode)
+        sticking = [name for name in arc.mode.touching if not arc.mode.directions[name] and name not in shared]
+        for names in (*([shared] if shared else []), *((name,) for name in sticking)):
+            columns = [2 * walker.contact_names().index(name) for name in names]
+            f_t, f_n = ([_sum(of_step) for of_step in zip(*(along[k + row] for k in columns), strict=True)]
+                        for row in (0, 1))  # fmt: skip
+            last = tuple(sum((at_end[k + row] for k in columns), arb(0)) for row in (0, 1))
+            starts = [(t[0], n[0]) for t, n in zip(f_t, f_n, strict=True)]
+            for t, n, step, end in zip(f_t, f_n, cycle.steps[j], [*starts[1:], last], strict=True):
+                forces.append((t, n, hull(step.h), abs(end[0] / end[1])))
         if orbit.ends_step(j):
             struck, y = orbit.struck(j), cycle.ends[j]
             length += orbit.impact(struck, j)(y)[1][orbit.system.n_shape] if struck else y[orbit.system.n_shape]
@@ -596,6 +607,10 @@ def measure_bounds(orbit: Orbit, cycle: CycleEnclosure, period: arb) -> dict[str
         "cost_of_transport": None if length.contains(0) else work / (weight * length),
         "required_friction": ratio if ratio is not None and ratio.is_finite() else None,
     }
+
+
+def _sum(polynomials: Iterable[Sequence[arb]]) -> list[arb]:
+    return [sum(coefficients, arb(0)) for coefficients in zip(*polynomials, strict=True)]
 
 
 def largest_force_ratio(steps: Iterable[tuple[Sequence[arb], Sequence[arb], arb, arb]]) -> arb:

@@ -29,7 +29,7 @@ from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.reference import FORMS, FreeCurves, FreeMotion, GaitCurves, GaitMotion, Reference, TableCurves
 from gaitopt.model.section import TOUCHDOWN, has_stated_sections
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import Transitions
+from gaitopt.model.transitions import Transitions, contact_of
 from gaitopt.model.urdf import UrdfWalker
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import shown
@@ -47,9 +47,9 @@ from gaitopt.proof.certificate import (
     OrbitRecord,
     sha256,
 )
+from gaitopt.proof.identities import dependent_contacts, is_rigid, modes_of_contacts, require_conditions
 from gaitopt.proof.law import ExactLaw, exact_law, exact_piece
 from gaitopt.proof.orbit import Orbit, OrbitArc, TiltedBox
-from gaitopt.proof.taylor import modes_of_contacts
 
 MOST_INTERVALS = 10
 """Largest number of parameters with intervals: all corners are examined, and 2^10 of them take a few seconds."""
@@ -395,9 +395,11 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
         raise NotProved(f"{name}: the feet swap roles within the cycle; proofs cover landings that end a step")
     if walker.stands_on_one() and problem.cycle_end != TOUCHDOWN:
         raise NotProved(f"{name}: its cycle ends without a landing; proofs of one foot do not cover that")
-    for mode in problem.cycle.phases if walker.contacts else ():
-        modes_of_contacts(system, mode)
+    for mode in problem.cycle.phases:
+        for other in modes_of_contacts(system, mode) if walker.contacts else (mode,):
+            dependent_contacts(walker, other)
     section = system.section(problem.cycle)
+    require_conditions(walker, section)
     if section.stated and not section.is_explicit and walker.section_rates is not None:
         words = "a posture after its impact that Newton's method solves for, and rates that follow from others"
         raise NotProved(f"{name}: a {walker.model} has {words}; proofs do not cover that")
@@ -489,8 +491,10 @@ def _arcs(records: Sequence[ArcRecord], sequence: Cycle, table: Transitions, con
             raise ValueError(
                 f"arc {len(arcs) + 1} ends with a breakpoint, but the control has {len(control.breakpoints)}"
             )
-        # those of other contacts are zero in a symmetric motion only, which no equation states
-        zeros = row.zeros if table.walker.massless_feet else row.zeros[:1]
+        zeros = row.zeros
+        if not table.walker.massless_feet:  # those of contacts of other bodies are zero in a symmetric motion only
+            names = [name for name in zeros[1:] if is_rigid(table.walker, (contact_of(zeros[0]), contact_of(name)))]
+            zeros = (*zeros[:1], *names)
         arcs.append(OrbitArc(mode, segment, record.phase, row.guard, zeros, ends_phase, tuple(record.fractions)))
         segment = 0 if row.ends_step else segment + (row.guard == BREAKPOINT)
     return arcs
@@ -504,7 +508,7 @@ def _require_change(sequence: Cycle, phase: int, table: Transitions) -> None:
     ValueError
         If a timed phase ends with a slip that stops or turns, or a switch that triggers, without its own event.
     NotProved
-        If two or more contacts land, or stop, at the same instant.
+        If two or more contacts land, or stop without being parts of one body, at the same instant.
     """
     mode, after, struck = sequence.phases[phase], sequence.after(phase), table.struck(sequence, phase)
     row = table.ending(sequence, phase)
@@ -513,7 +517,7 @@ def _require_change(sequence: Cycle, phase: int, table: Transitions) -> None:
         raise ValueError(f"{words}, as {after} follows")
     landed = () if struck is None else tuple(name for name in struck.touching if name not in mode.touching)
     for names, what in ((landed, "land"), (sequence.stop_together(phase), "stop")):
-        if len(names) > 1:
+        if len(names) > 1 and not (what == "stop" and is_rigid(table.walker, names)):
             raise NotProved(f"{' and '.join(names)} {what} at one instant; proofs do not cover that")
 
 

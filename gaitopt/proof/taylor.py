@@ -22,19 +22,17 @@ R. E. Moore (1966), Interval Analysis; W. Tucker (2011), Validated Numerics, cha
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
-from math import prod
 from typing import Any
 
-from casadi import SX, Function, cse, det, jacobian, ldl, ldl_solve, reshape, sum1, vertcat
+from casadi import SX, Function, cse, jacobian, sum1, vertcat
 from flint import arb, arb_mat, arb_series, ctx
 
 from gaitopt.building import built_once
-from gaitopt.model.contacts import LOCKED, NORMAL, TANGENTIAL, constraint_rows, undetermined
 from gaitopt.model.friction import Friction
-from gaitopt.model.modes import CONTACTS, OFF, Mode
+from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.proof.arithmetic import BallFunction, Matrix, NotProved, Number, assemble, entries_of, hull, matrix
+from gaitopt.proof.identities import regularities
 from gaitopt.threads import cached_property
 
 PICARD_ROUNDS = 8
@@ -149,7 +147,7 @@ def _function(space: PhaseSpace, mode: Mode, name: str) -> Function:
         with_static = (*inputs[:2], static, r)
         expression = vertcat(*(system.margins(slip)(*with_static)[names(slip).index("painleve")] for slip in slips))
     elif name == "regularities":
-        expression = _regularities(system, mode, y[: system.n_z], values)
+        expression = regularities(system, mode, y[: system.n_z], values)
     else:
         force, _, power, *_ = system.observation(mode)(*inputs)
         expression = vertcat(force, sum1(power))
@@ -163,52 +161,6 @@ def held_coordinates(system: HybridSystem, mode: Mode) -> list[int]:
     gaps, n = system.expressions.eom.gaps, len(system.walker.shape)
     rows = [[k for k in range(n) if not gaps[name][k].is_zero()] for name in mode.locked]
     return [row[0] for row in rows if len(row) == 1]
-
-
-def modes_of_contacts(system: HybridSystem, mode: Mode) -> list[Mode]:
-    """All modes in which the contacts that touch the ground in a mode stick, slip or are off.
-
-    Raises
-    ------
-    NotProved
-        If contacts share their forces in one of them.
-    """
-    states = product((*CONTACTS, OFF), repeat=len(mode.touching))
-    changed = (mode.with_states(dict(zip(mode.touching, words, strict=True))) for words in states)
-    modes = [other for other in changed if other.contact in system.walker.foot_modes()]
-    for other in modes:
-        if shared := undetermined(system.walker, other):
-            words = f"{' and '.join(shared)} share their forces in {other.brief}, so that these are not unique"
-            raise NotProved(f"{system.walker.model}: {words}; proofs do not cover that")
-    return modes
-
-
-def _regularities(system: HybridSystem, mode: Mode, z: SX, p: SX) -> SX:
-    """det J M^-1 G of every mode of the contacts on the ground.
-
-    J are the constraints of a mode, and G the directions of its forces: a contact that slips has the column n - s mu t.
-    The regularity is det J M^-1 G / det J M^-1 J', whose denominator is positive. M has only positive pivots in any
-    order, while those of the whole linear system may pass through zero.
-    """
-    blocks, values, first = dict[str, SX](), system.mechanics(z, p), 0
-    for name, shape in system.mechanics_shapes.items():
-        size = prod(shape)
-        columns = shape[1] if len(shape) > 1 else 1
-        blocks[name], first = reshape(values[first : first + size], columns, shape[0]).T, first + size
-    M, J = blocks["M"], blocks["J"]
-    inverse = ldl_solve(J.T, *ldl(M))
-    W, coefficients, determinants = J @ inverse, system.contact_coefficients(p), [SX(1)]
-    stops = constraint_rows(system.walker, [(name, LOCKED) for name in mode.locked])
-    for other in (other for other in modes_of_contacts(system, mode) if other.touching):
-        normal, held = ([(name, kind) for name in other.touching] for kind in (NORMAL, TANGENTIAL))
-        held = [(name, kind) for name, kind in held if not other.directions[name]]
-        rows = [*constraint_rows(system.walker, [*normal, *held]), *stops]
-        square = W[rows, rows]
-        for column, (name, _) in enumerate(normal):
-            (along,) = constraint_rows(system.walker, [(name, TANGENTIAL)])
-            square[:, column] -= other.directions[name] * coefficients[name][1] * W[rows, along]
-        determinants.append(det(square))
-    return vertcat(*determinants)
 
 
 @dataclass(frozen=True, slots=True)

@@ -411,7 +411,7 @@ def test_a_family_beside_its_orbits_is_refused(part):
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        pytest.param("flat-foot", "share their forces", marks=pytest.mark.slow),
+        pytest.param("flat-foot", "more than 3600 unknowns", marks=pytest.mark.slow),
         ("slip-walk", "massless contacts with coordinates of their own"),
     ],
 )

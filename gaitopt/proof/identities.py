@@ -1,0 +1,262 @@
+"""Exact identities: expressions that vanish for all values of their symbols, and constraints that depend on others.
+
+An expression becomes a polynomial with rational coefficients in its symbols and in the cosine and sine of every angle
+in it; c^2 + s^2 = 1 is the only relation that is used. If the polynomial is zero modulo these relations, the expression
+vanishes identically.
+
+**Contacts of one rigid part.** If the distance of the contacts i and j does not depend on the posture, then
+
+    (x_i - x_j) (J_t,i - J_t,j) + (h_i - h_j) (J_n,i - J_n,j) = 0
+
+for their positions (x, h) and the rows J of their velocities. Where both are on the ground, h_i = h_j = 0, they have
+the same tangential row, unless they coincide. While both stay there the part does not turn, so that their tangential
+velocities and accelerations are equal too. If both stick, the constraint of the second one follows from that of the
+first one, and only the sum of their tangential forces is determined: N = e_j - e_i.
+"""
+
+from collections.abc import Sequence
+from itertools import combinations, product
+from math import prod
+from typing import Any
+
+import numpy as np
+from casadi import SX, Function, densify, det, jacobian, ldl, ldl_solve, reshape, vertcat, vertsplit
+from flint import Ordering, arb, fmpq, fmpq_mpoly_ctx
+
+from gaitopt.building import built_once
+from gaitopt.model.contacts import (
+    LARGEST_REMAINDER,
+    LOCKED,
+    NORMAL,
+    TANGENTIAL,
+    constraint_rows,
+    constraint_structure,
+)
+from gaitopt.model.lagrangian import equations_of_motion
+from gaitopt.model.modes import CONTACTS, OFF, Mode
+from gaitopt.model.section import Section
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walker import Walker
+from gaitopt.proof.arithmetic import BallFunction, NotProved
+
+
+class _Ring:
+    """Polynomials in the symbols of an expression, and in the cosines and sines that occur in it."""
+
+    def __init__(self, n_symbols: int, n_angles: int) -> None:
+        names = [f"x{k}" for k in range(n_symbols)]
+        names += [f"{of}{k}" for k in range(n_angles) for of in ("s", "c")]  # s^2 leads s^2 + c^2 - 1
+        self._context = fmpq_mpoly_ctx.get(names, Ordering.lex)
+        generators = self._context.gens()
+        self.symbols = [Polynomial(self, value) for value in generators[:n_symbols]]
+        self._free, self._known = list(generators[n_symbols:]), list[tuple[Any, Any, Any]]()
+
+    def constant(self, value: Any) -> Any:
+        """A number as a polynomial; raises ``NotProved`` if it is not rational."""
+        if isinstance(value, arb):
+            if not value.is_exact():
+                raise NotProved("an identity contains a number that is not rational")
+            mantissa, exponent = value.man_exp()
+            value = fmpq(mantissa) * fmpq(2) ** int(exponent)
+        return self._context.constant(value)
+
+    def sine_and_cosine(self, angle: Any) -> tuple["Polynomial", "Polynomial"]:
+        """The sine and cosine of a polynomial; those of opposite angles have the same symbols."""
+        if angle == 0:
+            return Polynomial(self, self.constant(0)), Polynomial(self, self.constant(1))
+        sign = 1 if angle.leading_coefficient() > 0 else -1
+        found = next((pair for other, *pair in self._known if other == sign * angle), None)
+        if found is None:
+            found = [self._free.pop(0), self._free.pop(0)]
+            self._known.append((sign * angle, *found))
+        return Polynomial(self, sign * found[0]), Polynomial(self, found[1])
+
+    def reduced(self, value: Any) -> Any:
+        """A polynomial modulo all relations."""
+        for _, sine, cosine in self._known:
+            value = divmod(value, sine**2 + cosine**2 - 1)[1]
+        return value
+
+
+class Polynomial:
+    """An element of a ``_Ring`` with the operations of ``BallFunction``; only constants can be divisors."""
+
+    def __init__(self, ring: _Ring, value: Any) -> None:
+        self.ring, self.value = ring, value
+
+    def _with(self, other: Any) -> Any:
+        return other.value if isinstance(other, Polynomial) else self.ring.constant(other)
+
+    def __neg__(self) -> "Polynomial":
+        return Polynomial(self.ring, -self.value)
+
+    def __add__(self, other: Any) -> "Polynomial":
+        return Polynomial(self.ring, self.value + self._with(other))
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> "Polynomial":
+        return Polynomial(self.ring, self.value - self._with(other))
+
+    def __rsub__(self, other: Any) -> "Polynomial":
+        return Polynomial(self.ring, self._with(other) - self.value)
+
+    def __mul__(self, other: Any) -> "Polynomial":
+        return Polynomial(self.ring, self.ring.reduced(self.value * self._with(other)))
+
+    __rmul__ = __mul__
+
+    def __pow__(self, n: int) -> "Polynomial":
+        return Polynomial(self.ring, self.ring.reduced(self.value**n))
+
+    def __truediv__(self, other: Any) -> "Polynomial":
+        divisor = self._with(other)
+        if not divisor.is_constant() or divisor == 0:
+            raise NotProved("an identity contains a quotient")
+        return Polynomial(self.ring, self.value / divisor.leading_coefficient())
+
+    def __rtruediv__(self, other: Any) -> "Polynomial":
+        return Polynomial(self.ring, self._with(other)) / self
+
+    def sin(self) -> "Polynomial":
+        """Sine."""
+        return self.ring.sine_and_cosine(self.value)[0]
+
+    def cos(self) -> "Polynomial":
+        """Cosine."""
+        return self.ring.sine_and_cosine(self.value)[1]
+
+
+def vanishes_identically(expression: SX, symbols: SX) -> bool:
+    """Whether all entries of an expression are zero for all values of the symbols; False if this is not shown."""
+    function = Function("identity", [symbols], [densify(expression)])
+    ring = _Ring(symbols.numel(), function.n_instructions())
+    try:
+        (values,) = BallFunction(function, [])(ring.symbols)
+    except (NotProved, ValueError, TypeError):  # a quotient, a comparison, or a function of another kind
+        return False
+    return all(value == 0 if isinstance(value, arb) else value.value == 0 for value in values)
+
+
+@built_once(maxsize=64)
+def rigid_pairs(walker: type[Walker]) -> frozenset[frozenset[str]]:
+    """The pairs of contacts for which the identity of this module holds and whose gap is their height."""
+    eom = equations_of_motion(walker)
+    symbols, pairs = vertcat(eom.q, eom.p), list[frozenset[str]]()
+    if not eom.q.is_valid_input():  # the base point stays on the ground
+        return frozenset()
+    for one, other in combinations(walker.contacts, 2):
+        a, b = eom.contacts[one], eom.contacts[other]
+        identity = (a.position - b.position).T @ (a.J - b.J)
+        heights = vertcat(a.J[1, :] - jacobian(a.position[1], eom.q), b.J[1, :] - jacobian(b.position[1], eom.q))
+        if vanishes_identically(vertcat(identity, heights), symbols):
+            pairs.append(frozenset((one, other)))
+    return frozenset(pairs)
+
+
+def is_rigid(walker: type[Walker], names: Sequence[str]) -> bool:
+    """Whether contacts belong to one rigid part: on the ground they have one tangential velocity."""
+    return all(frozenset(pair) in rigid_pairs(walker) for pair in combinations(names, 2))
+
+
+def dependent_contacts(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
+    """The contacts that stick in a mode and whose tangential constraint follows from that of an earlier contact.
+
+    Raises
+    ------
+    NotProved
+        If the model leaves out other constraints, or distributes the forces of these ones otherwise.
+    """
+    sticking, pairs = [name for name in mode.touching if not mode.directions[name]], rigid_pairs(walker)
+    first = {
+        name: next((other for other in sticking[:k] if frozenset((name, other)) in pairs), "")
+        for k, name in enumerate(sticking)
+    }
+    dependent = tuple(name for name in sticking if first[name])
+    structure = constraint_structure(walker, mode)
+    constraints = structure.constraints
+    N = np.zeros((len(constraints), len(dependent)))
+    for column, name in enumerate(dependent):
+        N[constraints.index((name, TANGENTIAL)), column] = 1
+        N[constraints.index((first[name], TANGENTIAL)), column] = -1
+    dropped = tuple(constraints[k] for k in structure.dropped)
+    if dropped != tuple((name, TANGENTIAL) for name in dependent) or not np.allclose(
+        structure.nulls, N, rtol=0, atol=LARGEST_REMAINDER
+    ):
+        words = f"{' and '.join(structure.group)} share their forces in {mode.brief}, without being one rigid part"
+        raise NotProved(f"{walker.model}: {words}; proofs do not cover that")
+    return dependent
+
+
+def require_conditions(walker: type[Walker], section: Section) -> None:
+    """Require that the conditions of a section which are left out follow from the others.
+
+    Each of them has to be the tangential velocity of a contact of a rigid part, for another contact of which it is a
+    condition. The heights of both are conditions, as those of all contacts on the ground.
+
+    Raises
+    ------
+    NotProved
+        If another condition is left out.
+    """
+    left_out = section.left_out
+    if not left_out.numel_out(0):
+        return
+    eom = equations_of_motion(walker)
+    symbols = vertcat(eom.z, eom.p)
+
+    def contacts_of(function: Function) -> list[set[str]]:
+        """For each condition, the contacts whose tangential velocity it is."""
+        return [
+            {name for name in walker.contacts if vanishes_identically(row - eom.contacts[name].velocity[0], symbols)}
+            for row in vertsplit(function(eom.z, eom.p))
+        ]
+
+    kept = [name for names in contacts_of(section.conditions) for name in names]
+    for names in contacts_of(left_out):
+        if not any(is_rigid(walker, (name, other)) for name in names for other in kept):
+            words = "a condition of its section is left out that is not shown to follow from the others"
+            raise NotProved(f"{walker.model}: {words}; proofs do not cover that")
+
+
+def is_possible(walker: type[Walker], mode: Mode) -> bool:
+    """Whether contacts of one rigid part, which have one velocity, stick together or slip in one direction."""
+    pairs = (pair for pair in rigid_pairs(walker) if pair <= {*mode.touching})
+    return all(len({mode.directions[name] for name in pair}) == 1 for pair in pairs)
+
+
+def modes_of_contacts(system: HybridSystem, mode: Mode) -> list[Mode]:
+    """All modes in which the contacts that touch the ground in a mode stick, slip or are off."""
+    states = product((*CONTACTS, OFF), repeat=len(mode.touching))
+    changed = (mode.with_states(dict(zip(mode.touching, words, strict=True))) for words in states)
+    return [other for other in changed if other.contact in system.walker.foot_modes()]
+
+
+def regularities(system: HybridSystem, mode: Mode, z: SX, p: SX) -> SX:
+    """det J M^-1 G of every mode of the contacts on the ground.
+
+    J are the independent constraints of a mode, and G the directions of their forces: a contact that slips has the
+    column n - s mu t.
+    The regularity is det J M^-1 G / det J M^-1 J', whose denominator is positive. M has only positive pivots in any
+    order, while those of the whole linear system may pass through zero.
+    """
+    blocks, values, first = dict[str, SX](), system.mechanics(z, p), 0
+    for name, shape in system.mechanics_shapes.items():
+        size = prod(shape)
+        columns = shape[1] if len(shape) > 1 else 1
+        blocks[name], first = reshape(values[first : first + size], columns, shape[0]).T, first + size
+    M, J = blocks["M"], blocks["J"]
+    inverse = ldl_solve(J.T, *ldl(M))
+    W, coefficients, determinants = J @ inverse, system.contact_coefficients(p), [SX(1)]
+    stops = constraint_rows(system.walker, [(name, LOCKED) for name in mode.locked])
+    for other in (other for other in modes_of_contacts(system, mode) if other.touching):
+        normal, held = ([(name, kind) for name in other.touching] for kind in (NORMAL, TANGENTIAL))
+        dependent = dependent_contacts(system.walker, other)
+        held = [(name, kind) for name, kind in held if not other.directions[name] and name not in dependent]
+        rows = [*constraint_rows(system.walker, [*normal, *held]), *stops]
+        square = W[rows, rows]
+        for column, (name, _) in enumerate(normal):
+            (along,) = constraint_rows(system.walker, [(name, TANGENTIAL)])
+            square[:, column] -= other.directions[name] * coefficients[name][1] * W[rows, along]
+        determinants.append(det(square))
+    return vertcat(*determinants)

@@ -1,0 +1,202 @@
+"""Contacts of one rigid part: identities, dependent constraints, and a crawler whose rear stands on two contacts."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import ClassVar
+
+import pytest
+from casadi import SX, Function, cos, fmax, pi, sin, sqrt, vertcat
+
+flint = pytest.importorskip("flint")
+from flint import arb  # noqa: E402
+
+import gaitopt as go  # noqa: E402
+from gaitopt.model.mechanism import Body, Contact, Damper, Mechanism, inclined  # noqa: E402
+from gaitopt.model.modes import Mode  # noqa: E402
+from gaitopt.model.walkers.crawler import Crawler  # noqa: E402
+from gaitopt.proof import identities  # noqa: E402
+from gaitopt.proof.arithmetic import NotProved, precision  # noqa: E402
+from gaitopt.proof.certificate import sha256  # noqa: E402
+from gaitopt.proof.check import check  # noqa: E402
+from gaitopt.proof.identities import (  # noqa: E402
+    dependent_contacts,
+    is_possible,
+    require_conditions,
+    rigid_pairs,
+    vanishes_identically,
+)
+
+X = SX.sym("x", 2)
+
+
+@pytest.mark.parametrize(
+    ("expression", "vanishes"),
+    [
+        (sin(X[0]) ** 2 + cos(X[0]) ** 2 - 1, True),
+        (sin(X[0] - X[1]) + sin(X[1] - X[0]), True),
+        ((X[0] + X[1]) ** 2 - X[0] ** 2 - 2 * X[0] * X[1] - X[1] ** 2, True),
+        (1e-300 * X[0], False),
+        (0.1 * 3 * X[0] - 0.3 * X[0], False),  # doubles are exact
+        (cos(X[0]) - sin(X[0]), False),
+        (sin(X[0]) ** 2 + cos(X[1]) ** 2 - 1, False),
+        # these vanish, which is not shown
+        (cos(2 * X[0]) - 1 + 2 * sin(X[0]) ** 2, False),
+        (pi * X[0] * sin(X[1]) - pi * sin(X[1]) * X[0], False),
+        (1 / (X[0] + X[1]) - 1 / (X[1] + X[0]), False),
+        (fmax(X[0], X[1]) - fmax(X[1], X[0]) + X[0] * sqrt(X[1]) - sqrt(X[1]) * X[0], False),
+    ],
+)
+def test_an_identity_is_shown_by_exact_polynomials_or_not_at_all(expression, vanishes):
+    with precision():
+        assert vanishes_identically(SX(expression), X) is vanishes
+
+
+class Sledge(Crawler):
+    """A crawler whose rear is a rigid block that can tilt, on two contacts."""
+
+    model = "sledge"
+    shape = ("gap", "tilt", "rise")
+    lengths = ("gap", "rise")
+    contacts = ("heel", "toe", "front")
+    apart: ClassVar[float] = 0.15
+
+    @classmethod
+    def mechanism(cls, q, p):
+        """That of the crawler; the motor, the spring and the damper act at the height of the ground."""
+        base, ahead = vertcat(q.x, q.y), vertcat(cos(q.tilt), -sin(q.tilt))
+        block, front = vertcat(-ahead[1], ahead[0]) * 0.03, base + vertcat(q.gap, q.rise)
+        return Mechanism(
+            bodies=(
+                Body(mass=p.rear_mass, position=base + block, inertia=0.0225 * p.rear_mass, angle=q.tilt),
+                Body(mass=p.front_mass, position=front),
+            ),
+            gravity=inclined(p.gravity, p.slope),
+            upright=cos(q.tilt),
+            motors=(q.gap,),
+            potential=p.stiffness / 2 * (q.gap - p.rest) ** 2,
+            dampers=(Damper(coefficient=p.damping, across=q.gap),),
+            contacts={
+                "heel": Contact(position=base - cls.apart * ahead),
+                "toe": Contact(position=base + cls.apart * ahead),
+                "front": Contact(position=front),
+            },
+            length=SX(p.rest),
+        )
+
+
+class Split(Sledge):
+    """Both contacts of the rear coincide: they share their normal forces too."""
+
+    model = "split"
+    apart: ClassVar[float] = 0.0
+
+
+SLIP, STICK = (
+    "{heel: slip_forward, toe: slip_forward, front: stick}",
+    "{heel: stick, toe: stick, front: stick}",
+)
+TEXT = f"""
+name: sledge
+walker:
+  {{model: sledge, rear_mass: 1, front_mass: 1.5, stiffness: 20, damping: 1.5, rest: 0.5, gravity: 9.81, slope: 0.1}}
+friction: {{heel: 0.6, toe: 0.6, front: 0.4}}
+control: {{type: alternating, cycle: 2.0, first: {{drive: 4.95}}, second: {{drive: -4.95}}}}
+gait:
+  section: clock
+  phases:
+    - {{heel: stick, toe: stick, front: slip_forward}}
+    - {STICK}
+    - {SLIP}
+    - {STICK}
+  guess:
+    state: {{gap: 0.4469307, tilt: 0, rise: 0, y: 0}}
+    durations: [0.8685, 0.1315, 0.71257, 0.28743]
+"""
+
+
+def test_contacts_of_one_foot_are_found_and_no_others():
+    walkers = {name: type(go.load_problem(name).walker) for name in ("flat-foot", "heel-toe", "inchworm", "slip-walk")}
+    with precision():
+        pairs = {name: {"+".join(sorted(pair)) for pair in rigid_pairs(walker)} for name, walker in walkers.items()}
+    feet = {"heel+toe", "swing_heel+swing_toe"}
+    assert pairs == {"flat-foot": feet, "heel-toe": feet, "inchworm": set(), "slip-walk": set()}
+
+
+def test_one_tangential_constraint_of_a_foot_follows_from_the_other():
+    walker = type(go.load_problem("flat-foot").walker)
+
+    def flat(**changes):
+        states = dict.fromkeys(("heel", "toe", "swing_heel", "swing_toe"), "stick")
+        return Mode.of_contacts(states | changes)
+
+    with precision():
+        assert dependent_contacts(walker, flat(swing_heel="off", swing_toe="off")) == ("toe",)
+        assert dependent_contacts(walker, flat(toe="off")) == ("swing_toe",)
+        assert dependent_contacts(walker, flat(toe="off", swing_toe="off")) == ()
+        assert not is_possible(walker, flat(toe="slip_forward"))
+        assert is_possible(walker, flat(toe="off", heel="slip_forward"))
+
+
+def test_a_constraint_that_samples_leave_out_wrongly_is_refused(monkeypatch):
+    """The checker does not believe the structure that the model has sampled."""
+    true = identities.constraint_structure
+    both = Mode.of_contacts(dict.fromkeys(Sledge.contacts, "stick"))
+
+    index = true(Sledge, both).constraints.index(("front", 0))
+    changes = [
+        lambda s: replace(s, dropped=(index,), kept=tuple(k for k in range(len(s.constraints)) if k != index)),
+        lambda s: replace(s, dropped=(), kept=tuple(range(len(s.constraints))), nulls=s.nulls[:, :0]),
+        lambda s: replace(s, nulls=-s.nulls),
+        lambda s: replace(s, nulls=s.nulls + 1e-3),
+    ]
+    with precision():
+        for change in changes:
+            monkeypatch.setattr(identities, "constraint_structure", lambda *mode, change=change: change(true(*mode)))
+            with pytest.raises(NotProved, match="without being one rigid part"):
+                dependent_contacts(Sledge, both)
+
+
+def test_a_condition_of_the_section_that_is_left_out_follows_from_the_others():
+    problem = go.parse_problem(TEXT, walkers=[Sledge])
+    section = go.solve(problem, progress=False).system.section(problem.cycle)
+    assert section.left_out.numel_out(0) == 1
+    with precision():
+        require_conditions(Sledge, section)
+        velocity_only = Function("none", [*section.left_out.sx_in()], [SX(0, 1)])
+        for left_out, kept in ((section.conditions, section.conditions), (section.left_out, velocity_only)):
+            with pytest.raises(NotProved, match="a condition of its section is left out"):
+                require_conditions(Sledge, SimpleNamespace(left_out=left_out, conditions=kept))
+
+
+def test_contacts_that_share_normal_forces_are_refused():
+    both = Mode.of_contacts(dict.fromkeys(Sledge.contacts, "stick"))
+    with precision(), pytest.raises(NotProved, match=r"heel and toe share their forces in .*, without being one rigid"):
+        dependent_contacts(Split, both)
+
+
+@pytest.mark.slow
+def test_a_crawler_on_two_contacts_advances_like_one_on_one_contact():
+    """Its friction does not depend on the shares: the closed form of the crawler lies in the enclosures."""
+    gait = go.solve(go.parse_problem(TEXT, walkers=[Sledge]), progress=False)
+    proof, crawler = go.prove(gait, progress=False), go.solve("crawler", progress=False)
+    assert proof.proved, [claim.words for claim in proof.claims if not claim.proved]
+    assert proof.stable
+    with precision():
+        for name in ("step_length", "work", "cost_of_transport"):
+            assert abs(proof.measures[name] - arb(crawler.measures[name])) < 1e-11
+        assert abs(proof.state["gap"] - arb(float(crawler.state[0]))) < 1e-12
+        assert abs(proof.measures["required_friction"] - arb(gait.measures["required_friction"])) < 1e-9
+    checked = check(proof.certificate, walkers=[Sledge])
+    assert checked.proved
+
+    def spoiled(old, new):
+        text = proof.certificate["problem"]["text"].replace(old, new)
+        assert text != proof.certificate["problem"]["text"]
+        record = {**proof.certificate["problem"], "text": text, "sha256": sha256(text)}
+        return check({**proof.certificate, "problem": record}, walkers=[Sledge])
+
+    for old, new in (
+        ("heel: slip_forward, toe: slip_forward", "heel: slip_forward, toe: slip_backward"),
+        ("heel: 0.6", "heel: 0.5"),
+    ):
+        assert not spoiled(old, new).proved
