@@ -14,7 +14,7 @@ from gaitopt.arrays import Array
 FINE_FACTOR = 6
 """The grid on which extrema and roots are bracketed has this many points per Chebyshev point."""
 NEWTON_STEPS = 4
-"""From a grid of this density Newton's method reaches machine precision in three steps; the fourth is a reserve."""
+"""Number of Newton steps: from a grid of this density three reach machine precision, and the fourth is a reserve."""
 COUNTS = (33, 65, 129, 257)
 """Numbers of points that are tried in turn until an arc is resolved; 33 resolve a phase of walking."""
 RESOLVED = 1e-12

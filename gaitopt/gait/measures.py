@@ -321,7 +321,7 @@ def swings(steps: Sequence[list[tuple[Arc, Along]]]) -> list[list[tuple[Arc, Alo
 
     Parameters
     ----------
-    steps : for each step its arcs, each with something along it.
+    steps : the arcs of each step, each in a pair with quantities along it.
     """
     pairs = [pair for step in steps for pair in step]
     starts = [k for k, (arc, _) in enumerate(pairs) if k and arc.struck is not None and arc.struck.swaps]

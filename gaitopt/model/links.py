@@ -140,7 +140,7 @@ class Tree:
         )
 
     def partners(self) -> dict[str, str]:
-        """For every link the one whose place it takes when the feet swap roles.
+        """The link whose place each link takes when the feet swap roles, by name.
 
         A link on the way between the feet takes the place of the one as far from the other foot. Limbs that are alike
         and hang on such links, as two arms on one torso, exchange their places too. Any other link keeps its place.

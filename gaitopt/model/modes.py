@@ -56,7 +56,7 @@ class Mode(str):
     directions : sign of the slip velocity of every contact by name: +1 downhill, -1 uphill, 0 if it does not slip.
         Read-only.
     sticks, slips : whether friction holds all contacts on the ground, and whether one of them slips.
-    swaps : of an impact within a cycle, whether the feet swap roles in it, so that each has the other's name after it.
+    swaps : for an impact within a cycle, whether the feet swap roles in it; each then has the other's name.
         If the walker stands on one foot at a time, they do so whenever a foot lands.
     fixes_x : whether the foot at the base point sticks, so that dx is zero.
     direction : sign of the slip velocity of the foot at the base point; 0 if the base point is not a foot.

@@ -135,6 +135,11 @@ class Transition:
     zeros_after: tuple[str, ...] = ()
 
     @property
+    def is_decided(self) -> bool:
+        """Whether one mode follows an event without a reset, whatever the forces."""
+        return len(self.candidates) == 1
+
+    @property
     def ends_step(self) -> bool:
         """Whether the feet swap roles."""
         return self.reset is not None and self.reset.ends_step
@@ -471,9 +476,9 @@ class Transitions:
         return None if self.walker.stands_on_one() else after
 
     def landings(self, row: Transition, mode: Mode) -> Mapping[Mode, Mode]:
-        """For every impact that may end a step in ``mode``, the mode after it.
+        """The mode after each impact that may end a step in ``mode``, by the impact.
 
-        The impact has the names that the contacts have before it, and those stops are locked that it holds.
+        The impact has the names that the contacts have before it, and the stops that it holds are locked.
         """
         if (row.guard, mode) not in self._landings:
             walker, landed = self.walker, [candidate.contact for candidate in row.candidates]

@@ -53,8 +53,8 @@ LARGEST_TABLE_ERROR = 0.1
 """If the first or last value of a table differs more from its joint, the table is probably not made for this gait [rad,
 or leg lengths]."""
 MANY_PHASES = 32
-"""With more phases in a step, a solution can take more than ten seconds. The time grows with the square of their
-number; an inchworm with 11 phases takes half a second."""
+"""Number of phases in a step above which a solution can take more than ten seconds: its time grows with the square of
+the number, and an inchworm with 11 phases takes half a second."""
 TOO_SLIPPERY = "{} is less than tan(slope) = {}: no steady gait exists on this slope"
 NO_ENERGY = "no source of energy: a passive walker on level or uphill ground cannot have a periodic gait"
 STATE: Key = ("gait", "guess", "state")

@@ -68,9 +68,9 @@ may be off by half of this."""
 SOLVED_TOLERANCE = 1e-12
 """Rounding of coordinates that are solved from the section, relative, or in rad and SI units."""
 SELECTING_TOLERANCE = 0.5
-"""With several contacts, the values of solved coordinates in a file only select one of the solutions, and may differ
-from it by this much, relative, or in rad and SI units. A solution with exchanged legs, or with a knee bent to the other
-side, is farther away."""
+"""Largest difference between a coordinate in a file and its value on the section of a walker with several contacts,
+relative, or in rad and SI units. The file's value only selects one of the solutions; a solution with exchanged legs, or
+with a knee bent to the other side, is farther away."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

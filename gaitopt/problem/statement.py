@@ -411,7 +411,7 @@ def _flat(key: str, data: Any) -> dict[str, float]:
 
 
 def reference_keys(data: Mapping[str, Any]) -> list[tuple[Any, str]]:
-    """Where the data of a problem, valid or not, name another problem or contain its data: section and key."""
+    """Sections and keys under which the data of a problem, valid or not, name another problem or contain its data."""
     control = data.get("control")
     reference = control.get("reference") if isinstance(control, Mapping) else None
     curve = reference.get("curve") if isinstance(reference, Mapping) else None
@@ -420,7 +420,7 @@ def reference_keys(data: Mapping[str, Any]) -> list[tuple[Any, str]]:
 
 
 def file_entries(data: Mapping[str, Any]) -> list[tuple[Key, Any]]:
-    """Where the data of a problem, valid or not, name a robot's file or a table, or contain it: path and entry."""
+    """Paths and entries of the data of a problem, valid or not, that name a robot's file or a table, or contain it."""
     walker, control = data.get("walker"), data.get("control")
     sections: list[tuple[Key, Any]] = [(("walker", "urdf"), walker)]
     if isinstance(control, dict):

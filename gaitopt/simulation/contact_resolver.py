@@ -248,13 +248,9 @@ class ContactResolver:
 
     def following(self, transition: Transition, t: float, z: Array, segment: int) -> Mode | Termination:
         """The mode after an event without a reset: forces decide, unless there is only one candidate."""
-        if self.is_decided(transition):
+        if transition.is_decided:
             return transition.candidates[0]
         return self.mode_at_rest(transition.candidates, t, z, segment)
-
-    def is_decided(self, transition: Transition) -> bool:
-        """Whether the first candidate follows an event without a reset, whatever the forces."""
-        return len(transition.candidates) == 1
 
     def mode_at_rest(self, candidates: tuple[Mode, ...], t: float, z: Array, segment: int) -> Mode | Termination:
         """The one of ``candidates`` that is consistent with the forces at time ``t`` in state ``z``."""

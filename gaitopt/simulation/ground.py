@@ -232,7 +232,7 @@ class Ground:
 
         Parameters
         ----------
-        on_ground : see ``dynamics``; brought up to the end of the step.
+        on_ground : see ``dynamics``; after the call it has the tiles at the end of the step.
         """
         found, touching, first = list[Arc](), tuple[str, ...](), arcs[0].states[0]
         for arc in arcs:

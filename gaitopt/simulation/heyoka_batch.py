@@ -165,7 +165,7 @@ class BatchSimulator:
 
     def _decide(self, motions: "_Motions", rows: Indices, transition: Transition) -> None:
         """Continue the given rows after an event without a reset."""
-        if self._resolver.is_decided(transition):
+        if transition.is_decided:
             motions.modes[rows] = self._modes.index(transition.candidates[0])
             return
         modes, endings = self._resolver.mode_at_rest(
@@ -317,10 +317,6 @@ class BatchResolver:
             if lands is not None:
                 landings[mode, lands.guard].append(k)
         return states, modes, endings, landings
-
-    def is_decided(self, transition: Transition) -> bool:
-        """See ``ContactResolver``."""
-        return self._one_by_one.is_decided(transition)
 
     def settled(self, mode: Mode, states: Array) -> Array:
         """States in which contacts that have come to rest in a mode have slip velocities of exactly zero."""

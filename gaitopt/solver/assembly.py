@@ -1,4 +1,4 @@
-"""From a solution of the equations to its gait (arcs, impacts, multipliers, scalars), and back to the solution."""
+"""The gait of a solution of the equations, with arcs, impacts, multipliers and scalars; and the solution of a gait."""
 
 import time
 from collections.abc import Mapping

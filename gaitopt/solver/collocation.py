@@ -73,8 +73,8 @@ CLOSE_OPTIONS: dict[str, Any] = {
 Mehrotra's probing of the barrier parameter takes three quarters of the iterations of Fiacco and McCormick's rule there;
 it takes more if the multipliers are known or the solution is far."""
 OBJECTIVE_SLOPE, MORE_ITERATIONS = 10.0, 5
-"""For searches with bounds on |power|: the slope to which the objective is scaled, because absolute work is small
-compared with powers; and the factor of the number of iterations, because these searches take some 400."""
+"""Slope to which the objective of a search with bounds on |power| is scaled, because absolute work is small compared
+with powers; and factor of the largest number of iterations, because such a search takes some 400."""
 SHORTEST_PHASE = 1e-3
 """Shortest phase as a part of the period of the guess."""
 LONGEST_PERIOD = 5.0
@@ -82,9 +82,9 @@ LONGEST_PERIOD = 5.0
 STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", EVENT, DURATION, POWER)
 """Rows that define a motion rather than limit it."""
 MOTION = ("defect", "interpolation", "reset")
-"""Those structural rows that compare states, all coordinates in turn."""
+"""Structural rows that compare states, all coordinates in turn."""
 RATES = {"power": "work", "absolute_power": "work", "squared_torque": "torque_squared", SLIP: "slip_distance"}
-"""For the rate of every integral, a scalar with the unit of the integral."""
+"""A scalar with the unit of each integral, by the rate that is integrated."""
 LENGTHS = ("m", "J")
 """Units of distance, and of the work of the push."""
 UNITS = {DURATION: "s", CLOCK: "s", POWER: "W", CLEARANCE: "m"}

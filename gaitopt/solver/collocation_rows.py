@@ -68,7 +68,7 @@ class Structure:
 
 
 _Limits: TypeAlias = list[tuple[int, str, float, float]]
-"""For every group of rows their number, their name and their bounds."""
+"""Number, name, and lower and upper bound of the rows of each group."""
 
 
 class _Rows:
@@ -191,13 +191,13 @@ class Transcription:
 
     @cached_property
     def _step_ends(self) -> Array:
-        """For every phase the end of its step, affine in the durations and T; shape (n_phases, n_phases + 2)."""
+        """The end of the step of each phase, affine in the durations and T; shape (n_phases, n_phases + 2)."""
         steps = [*map(self._mesh.cycle.step_of, range(len(self._mesh.cycle.phases)))]
         return np.array([[0.0, *(float(other == step) for other in steps), 0.0] for step in steps])
 
     @cached_property
     def variants(self) -> tuple[tuple[Mode, int], ...]:
-        """For every phase its mode, and the entry of ``HybridSystem.step_parameters`` of its step."""
+        """The mode of each phase, and the entry of ``HybridSystem.step_parameters`` that its step uses."""
         cycle, legs = self._mesh.cycle, self._system.walker.steps_per_cycle()
         return tuple((mode, cycle.step_of(phase) % legs) for phase, mode in enumerate(cycle.phases))
 

@@ -36,7 +36,7 @@ friction coefficient the same excess."""
 NUMERICAL = ("search", "equations", "integration", "breakpoint", "reference", "motion", "event", "periodicity")
 """Causes that say where a search ended. All others say why a periodic motion is impossible."""
 NORMAL_FORCES = {"cone_forward": "normal_force", "impulse_cone_forward": "impulse", "push_cone_forward": ""}
-"""For every friction cone, the margin that is its normal force; a push has none, because its contact cannot be lost."""
+"""The margin that is the normal force of each friction cone; empty for a push, whose contact cannot be lost."""
 DIVERGED_RESIDUAL = 1e3
 """A search with a larger violation, in natural units, has diverged: that is a thousand times the forces and rates of a
 walk."""

@@ -36,7 +36,7 @@ POLISH_STEPS = 8
 """Largest number of steps of a polish. It starts at IPOPT's tolerance, so that one that needs more does not
 converge."""
 CHORD_RESIDUAL = 1e-13
-"""With a residual below this, in natural units, the Jacobian is that of the solution up to rounding: chords suffice."""
+"""Residual, in natural units, below which the Jacobian is that of the solution up to rounding: chords suffice."""
 ERROR_TOLERANCE = 1e-12
 """Refinement aims at this integration error of states and durations, in natural units: proofs find a gait within
 3e-12."""

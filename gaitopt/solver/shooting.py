@@ -60,7 +60,7 @@ class Label:
 
     Attributes
     ----------
-    name : of an unknown: a state, ``duration``, a scalar, or the dotted key of a parameter. Of a row: ``defect`` or
+    name : an unknown is a state, a ``duration``, a scalar, or the dotted key of a parameter. A row is a ``defect`` or a
         ``reset``, a scalar, or a margin, which is zero at the end of a phase and not negative elsewhere.
     mode : mode of the phase, or of the foot just after the impact; None for an entry of the whole cycle.
     phase, node : numbers of phase and node, counted from 0 through all steps; None for the impact of a step.
@@ -449,7 +449,7 @@ class MultipleShooting:
         return np.concatenate([*values, self._further(w, p)[0]])
 
     def jumps(self, w: Array, p: Array) -> dict[int, tuple[float, float]]:
-        """For every timed phase the margin that ends it, before and after the torques jump, in natural units."""
+        """The margin that ends each timed phase, before and after the torques jump, in natural units, by the phase."""
         cycle, table = self.mesh.cycle, self.system.transitions
         nodes, _, _ = self.unpack(w)
         ends = {arc.phase: (arc, at[-1]) for arc, at in zip(self.mesh.arcs, self.mesh.arc_nodes, strict=True)}
