@@ -191,6 +191,13 @@ def solve(K: Array, inverse: Array, modes: Candidates, loads: Array, required: A
     return x[:, :n], x[:, n:]
 
 
+def regularity(M: Array, J: Array, modes: Candidates, kinetic: Array) -> Array:
+    """Determinant of the system of every mode relative to that without friction, shape (m,)."""
+    with_friction = np.linalg.slogdet(systems(M, J, modes, kinetic))
+    without = np.linalg.slogdet(systems(M, J, modes, np.zeros_like(kinetic)))
+    return np.asarray(with_friction[0] / without[0] * np.exp(with_friction[1] - without[1]))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solutions:
     """Motions in some modes, or impacts, in natural units.
@@ -312,11 +319,8 @@ class ContactForces:
         )
 
     def regularity(self, mechanics: Mechanics, modes: Sequence[Mode], kinetic: Array) -> Array:
-        """Determinant of the system of every mode relative to that without friction, shape (m,)."""
-        M, J, of = mechanics.M, mechanics.J, self.of(modes)
-        with_friction = np.linalg.slogdet(systems(M, J, of, kinetic))
-        without = np.linalg.slogdet(systems(M, J, of, np.zeros_like(kinetic)))
-        return np.asarray(with_friction[0] / without[0] * np.exp(with_friction[1] - without[1]))
+        """See ``regularity``."""
+        return regularity(mechanics.M, mechanics.J, self.of(modes), kinetic)
 
     def margins(self, mode: Mode, tangential: Array, normal: Array, J: Array) -> tuple[list[str], list[Any]]:
         """Names and values of the margins of the forces, or impulses, in a mode."""

@@ -31,7 +31,7 @@ from gaitopt.simulation.events import LOOK_AHEAD, Point, event_at_start, falls_a
 from gaitopt.simulation.natural import NaturalDynamics
 
 MANY_STEPS = 1000
-"""Smallest number of walking steps for which ``auto`` chooses heyoka: scipy takes as long for them as its compilation."""
+"""Smallest number of walking steps for which ``auto`` chooses heyoka: they take scipy as long as its compilation."""
 INSTALL = "pip install 'gaitopt[fast]' on Linux, conda install heyoka.py elsewhere"
 MAX_ARC_STEPS = 20_000
 """Largest number of integration steps of one arc. An arc of a walk takes tens, with a very stiff control law more."""
