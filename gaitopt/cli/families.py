@@ -78,7 +78,7 @@ def continue_(
     than that of its branch, the gait at the special point is continued.
     Every point is stored as soon as it is found. Repeat the command to resume.
     """
-    from gaitopt.api import stored, verbs
+    from gaitopt.api import families, stored
     from gaitopt.show.tables import print_branch
 
     targets = [options.number(value, "--to") for value in to]
@@ -96,7 +96,7 @@ def continue_(
     else:
         start = gait = known_gait(problem, changes, None, terminal, keep=False)[0]
     with interruptible() as interrupted, _live(terminal, param) as show:
-        records = verbs.continuation_records(
+        records = families.continuation_records(
             start, param, targets, lower=lowest, upper=highest, max_points=max_points, max_seconds=max_seconds,
             verify_every=verify_every, output=output, should_stop=interrupted, **levels,
         )  # fmt: skip
@@ -187,7 +187,7 @@ def trace(
     are located on the curve, with the normal form of its bifurcation and the curves that begin there.
     Every point is stored as soon as it is found. Repeat the command to resume.
     """
-    from gaitopt.api import stored, verbs
+    from gaitopt.api import families, stored
     from gaitopt.show.tables import event, print_trace
 
     start, targets = stored.load_curve_start(run), [options.number(value, "--to") for value in to]
@@ -202,7 +202,7 @@ def trace(
             else:
                 terminal.say(f"  {place}: {event(record)}")
 
-        records = verbs.trace_records(
+        records = families.trace_records(
             start, param, targets, lower=least, upper=largest, max_points=max_points, max_seconds=max_seconds,
             verify_every=verify_every, output=output, should_stop=interrupted,
         )  # fmt: skip
@@ -226,14 +226,14 @@ def front(
     The values are solved upwards and downwards, each from the design at the previous value. The designs that no other
     design beats form the Pareto front. Every design is stored as soon as it is found. Repeat the command to resume.
     """
-    from gaitopt.api import verbs
+    from gaitopt.api import families
     from gaitopt.api.pictures import save_figures
     from gaitopt.gait.records import is_gait
     from gaitopt.show.tables import print_front
 
     ranges, loaded = options.grid(over), load(problem, changes, terminal)
     with terminal.working("designs") as (progress, interrupted):
-        designs = verbs.front(loaded, ranges, output=output, progress=progress, should_stop=interrupted)
+        designs = families.front(loaded, ranges, output=output, progress=progress, should_stop=interrupted)
     figures = save_figures(designs, designs.file.parent) if designs.file is not None else []
     record = {**designs.to_record(), "file": str(designs.file), "figures": [str(figure) for figure in figures]}
     terminal.show(record, print_front, "file")
@@ -261,7 +261,7 @@ def sweep(
     Each point is solved as `solve --set` does. A point without a gait is recorded with its reason. Every result is
     stored as soon as it is found. Repeat the command to resume.
     """
-    from gaitopt.api import verbs
+    from gaitopt.api import families
     from gaitopt.problem.scalars import SCALARS
     from gaitopt.runs.sweep import TABLE_FILE
     from gaitopt.show.tables import print_sweep
@@ -270,7 +270,7 @@ def sweep(
         raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")
     ranges, loaded = options.grid(over), load(problem, changes, terminal)
     with terminal.working("jobs") as (progress, interrupted):
-        swept = verbs.sweep(
+        swept = families.sweep(
             loaded, ranges, warm=warm, from_guess=from_guess, method=method, workers=workers, scheduler=scheduler,
             output=output, progress=progress, should_stop=interrupted,
         )  # fmt: skip
@@ -305,7 +305,7 @@ def atlas(
     Branches in the first parameter at some values of the second, and the curves of their special points, bound regions
     of one mode sequence and stability. A gait in each region is verified. Repeat the command to resume.
     """
-    from gaitopt.api import verbs
+    from gaitopt.api import families
     from gaitopt.problem.scalars import SCALARS
     from gaitopt.show.tables import print_atlas
 
@@ -313,7 +313,7 @@ def atlas(
         raise UnknownNameError(f"--what {what}: no scalar of a gait; use {', '.join(SCALARS)}")
     spans, loaded = options.intervals(over), load(problem, changes, terminal)
     with terminal.working("branches and curves") as (progress, interrupted):
-        found = verbs.atlas(
+        found = families.atlas(
             loaded, spans, slices=slices, refinements=refinements, max_points=max_points, steps=steps, workers=workers,
             scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,
         )  # fmt: skip
@@ -342,12 +342,12 @@ def attractors(
     per step is positive. Finished values are stored; repeat the command to resume. `gaitopt plot FOLDER --over RUN`
     draws the diagram over a branch.
     """
-    from gaitopt.api import verbs
+    from gaitopt.api import families
     from gaitopt.show.tables import print_attractors
 
     ranges, loaded = options.grid(over), load(problem, changes, terminal)
     with terminal.working("values") as (progress, interrupted):
-        result = verbs.attractors(
+        result = families.attractors(
             loaded, ranges, starts=starts, transient=transient, keep=keep, seed=seed, engine=engine, workers=workers,
             scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,
         )  # fmt: skip
@@ -380,7 +380,7 @@ def basin(
     gait of RUN. Finished tiles are stored; repeat the command to resume. `gaitopt solve RUN@attractor.K` solves the
     gait of the K-th attractor; RUN is then the folder that basin prints.
     """
-    from gaitopt.api import verbs
+    from gaitopt.api import families
     from gaitopt.show.tables import print_basin
     from gaitopt.simulation.engine import INSTALL, choose_engine, is_installed
 
@@ -392,7 +392,7 @@ def basin(
     if engine == Engine.AUTO and not is_installed():
         terminal.say(f"simulating on scipy; heyoka is several times as fast: {INSTALL}")
     with terminal.working("tiles") as (progress, interrupted):
-        result = verbs.basin(
+        result = families.basin(
             gait if gait.converged else gait.problem, ranges, steps=steps, engine=engine, floor=tiles,
             workers=workers, scheduler=scheduler, output=output or folder, progress=progress, should_stop=interrupted,
         )  # fmt: skip

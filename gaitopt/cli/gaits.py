@@ -79,7 +79,7 @@ def solve(
     With --starts the distinct solutions are listed and the best one is stored. The result of each start is stored in
     the run folder. Repeat the command to resume.
     """
-    from gaitopt.api import stored, verbs
+    from gaitopt.api import families, stored, verbs
     from gaitopt.show.tables import print_optima
     from gaitopt.store.run import Run
 
@@ -111,7 +111,7 @@ def solve(
         return report(gait, folder, terminal)
     with Run(folder).writing(loaded):
         with terminal.working("starts") as (progress, interrupted):
-            optima = verbs.multistart(
+            optima = families.multistart(
                 loaded, starts, seed=seed, spread=spread, workers=workers, scheduler=scheduler, output=folder,
                 progress=progress, should_stop=interrupted,
             )  # fmt: skip
@@ -271,7 +271,7 @@ def robustness(
     pushes, the gait sensitivity norm, and the mean number of steps to a fall on random tiles. Finished figures are
     stored; repeat the command to resume.
     """
-    from gaitopt.api import verbs
+    from gaitopt.api import families
     from gaitopt.show.tables import print_robustness
 
     RobustnessRequest(what=what, over=over, random=random, walks=walks, steps=steps, seed=seed)
@@ -280,7 +280,7 @@ def robustness(
         shown_result(lambda gait: report(gait, None, terminal)),
         terminal.working("figures") as (progress, interrupted),
     ):
-        found = verbs.robustness(
+        found = families.robustness(
             gait, what=what, over=over, random=random, walks=walks, steps=steps, seed=seed, engine=engine,
             workers=workers, scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,
         )  # fmt: skip

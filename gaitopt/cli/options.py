@@ -22,7 +22,7 @@ from gaitopt.requests import (
 )
 
 if TYPE_CHECKING:
-    from gaitopt.api.verbs import Over
+    from gaitopt.api.families import Over
     from gaitopt.problem.floor import Floor
 
 

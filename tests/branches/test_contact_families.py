@@ -7,8 +7,8 @@ import pytest
 from contact_problems import contact_gait, sled
 from named import named
 
+from gaitopt.api.families import continuation
 from gaitopt.api.stored import load_run
-from gaitopt.api.verbs import continuation
 from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait
 from gaitopt.model.cycle import Cycle
