@@ -28,7 +28,7 @@ import casadi as ca
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from own_laws import DampedCompass, HipDamper
+from own_laws import DampedCompass, HipDamper, MidCompass
 
 import gaitopt as go
 from gaitopt.problem.statement import problem_data
@@ -54,6 +54,7 @@ WALKS = 2000
 """Number of walks of a search without a guess; half of them miss one gait of the compass from a file."""
 TIME_STEPS = (1e-3, 2.5e-4)
 """Time steps of a replay [s]."""
+OWN_WALKERS = (DampedCompass, MidCompass)
 OPEN_LOOP = """
 name: open-loop
 walker: {model: compass_biped, leg_length: 1.6, leg_mass: 4, leg_com: 0.8, hip_mass: 2, gravity: 9.8, slope: 1 deg}
@@ -96,7 +97,7 @@ def _changed(name: str, **keys: Any) -> Callable[[], go.Problem]:
         data = problem_data(go.load_problem(name))
         for key, value in keys.items():
             data[key] = {**data[key], **value} if isinstance(value, dict) and key == "walker" else value
-        return go.parse_problem(json.dumps(data), walkers=[DampedCompass], controls=[HipDamper])
+        return go.parse_problem(json.dumps(data), walkers=OWN_WALKERS, controls=[HipDamper])
 
     return build
 
@@ -125,6 +126,15 @@ FRICTIONLESS = _changed(
         "guess": {"state": {"theta1": -0.111, "dtheta1": 0.292, "dtheta2": -0.422, "dx": 0.423}},
     },
 )
+MID_STRIDE = _changed(
+    "compass-passive-a",
+    walker={"model": "mid_compass"},
+    gait={
+        "section": {"margin": "middle"},
+        "phases": ["stick", "slip_backward", {"mode": "slip_forward", "impact": "stick"}, "stick"],
+        "guess": {"state": {"theta2": 0.1603, "dtheta1": 0.2451, "dtheta2": 0.7388}},
+    },
+)
 VISCOUS = {"static": 0.42, "kinetic": 0.4, "viscous": 0.5}
 ROWS = (
     _named("one foot", "compass-passive-stick"),
@@ -140,6 +150,7 @@ ROWS = (
     _named("several contacts with a clock", "crawler"),
     _named("double support on massless legs", "slip-walk-stable"),
     _named("a section at a margin", "bounding"),
+    Row("a section in mid-stride", "`compass-passive-a` from one upright stance leg to the next", MID_STRIDE),
     _named("static and kinetic friction", "compass-passive-static-kinetic"),
     Row("frictionless impact", "`compass-torque-impact-slip` with such an impact and a stable gait", FRICTIONLESS),
     Row("viscous drag", "`rimless-wheel-slip` with drag", _changed("rimless-wheel-slip", friction=VISCOUS)),
@@ -365,7 +376,7 @@ def _figures(row: Row, folder: Path) -> None:
 
 def _save(row: Row, folder: Path) -> None:
     gait = gait_of(row)
-    loaded = go.load_run(gait.save(folder / "run"), walkers=[DampedCompass], controls=[HipDamper])
+    loaded = go.load_run(gait.save(folder / "run"), walkers=OWN_WALKERS, controls=[HipDamper])
     assert (loaded.problem.digest, loaded.cycle) == (gait.problem.digest, gait.cycle)
     assert loaded.state.tolist() == gait.state.tolist()
     for name, value in gait.measures.items():
@@ -449,6 +460,7 @@ SOFT = "limit of MuJoCo: its joint limits are soft constraints, and this stop is
 MASSLESS = "limit of MuJoCo: it integrates accelerations F/m, which a massless foot does not have"
 CONVEX = "limit of MuJoCo: its contact law is convex, so that a contact that slips hops at every time step"
 ONE_COEFFICIENT = "limit of MuJoCo: friction of a contact is dry and has one coefficient"
+LANDINGS = "from landing to landing this gait is that of the row *slips*, and where a cycle begins proves nothing new"
 OWN_COORDINATES = (
     "massless contacts have coordinates of their own, whose forces do not follow from accelerations, so that the "
     "theorem does not apply"
@@ -461,6 +473,8 @@ REASONS: Mapping[tuple[str, str], str] = {
     ("a section at a margin", "basin, heyoka"): UNSTABLE,
     ("a section at a margin", "attractors"): UNSTABLE,
     ("a section at a margin", "prove"): OWN_COORDINATES,
+    ("a section in mid-stride", "prove"): LANDINGS,
+    ("a section in mid-stride", "replay"): LANDINGS,
     ("stops", "replay"): SOFT,
     ("switches and flight", "replay"): SOFT,
     ("massless feet and flight", "replay"): MASSLESS,

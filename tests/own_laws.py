@@ -1,5 +1,6 @@
-"""A control law of one's own, and a walker whose damper does the same as the law: two ways to the same gait."""
+"""A control law of one's own, a walker whose damper does the same as the law, and one with a section in mid-stride."""
 
+from dataclasses import replace
 from typing import Annotated, Any
 
 from casadi import SX
@@ -40,3 +41,15 @@ class DampedCompass(CompassBiped):
             **{name: getattr(plain, name) for name in plain.__dataclass_fields__ if name != "dampers"},
             dampers=(Damper(coefficient=p.damping, across=across),),
         )
+
+
+class MidCompass(CompassBiped):
+    """The compass, with a margin that falls to zero where the stance leg is normal to the slope."""
+
+    model = "mid_compass"
+    sections = ("middle",)
+
+    @classmethod
+    def mechanism(cls, q: Any, p: Any) -> Mechanism:
+        """That of the compass."""
+        return replace(super().mechanism(q, p), sections={"middle": lambda dq: -q.theta1})

@@ -84,8 +84,8 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
     if problem.start is None or not problem.has_gait:  # a simulation may start anywhere
         return
     foot, upright, _, _ = _geometry_at_guess(problem)
-    apart = problem.walker.leaves_ground() or math.hypot(*foot) > FEET_APART * scales.length
-    if not apart:
+    passing = problem.cycle_end != TOUCHDOWN or problem.walker.leaves_ground()  # the swing foot may be anywhere
+    if not passing and math.hypot(*foot) <= FEET_APART * scales.length:
         yield Fault(STATE, "both feet are at the same place: a step begins with the feet apart")
     if upright < FALLEN:
         yield Fault(STATE, "the walker has fallen: a step begins upright")

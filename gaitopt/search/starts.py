@@ -187,6 +187,7 @@ def _on_lowest_contact(dynamics: Dynamics, state: Array) -> Array:
     system, names, z = dynamics.system, dynamics.system.state_names, state.copy()
     walker, contacts = system.walker, system.walker.contact_names()
     heights, velocities, counts = (np.array(value).ravel() for value in system.contact_points(z, dynamics.p))
+    heights, counts = heights[: len(contacts)], counts[: len(contacts)]  # a swing foot follows them
     flight = walker.released(walker.contact_mode(dict.fromkeys(contacts, OFF)))
     margins = dict(
         zip(system.transitions.margin_names(flight), dynamics.margins(flight, 0, np.zeros(1), z[None])[0], strict=True)

@@ -4,6 +4,7 @@ Where along a gait its section lies makes no difference to the period and to the
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from math import pi
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from casadi import SX, cos, sin
 from named import named
+from own_laws import MidCompass
 from pydantic import Field
 
 import gaitopt as go
@@ -26,28 +28,17 @@ from gaitopt.model.control import Control
 from gaitopt.model.instant import Instant
 from gaitopt.model.mechanism import Mechanism
 from gaitopt.model.units import Finite
-from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.slip_runner import SlipRunner
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
 from gaitopt.problem.problem import Problem, parse_problem
 from gaitopt.problem.statement import problem_data
+from gaitopt.search.starts import around_guess
 from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
 from gaitopt.verification.return_map import ReturnMap
 
 SLIP = {"mode": "slip_forward", "impact": "stick"}
-
-
-class MidCompass(CompassBiped):
-    """The compass, with a margin that falls to zero where the stance leg is normal to the slope."""
-
-    model = "mid_compass"
-    sections = ("middle",)
-
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """That of the compass."""
-        return replace(super().mechanism(q, p), sections={"middle": lambda dq: -q.theta1})
 
 
 class ApexRunner(SlipRunner):
@@ -343,3 +334,37 @@ def test_a_search_from_mid_stride_finds_the_gaits_a_and_b_that_one_from_landing_
     found = go.find(mid_stride(), starts=12, workers=1, progress=False)
     expected = [named(name).scalar("period") for name in ("compass-passive-a", "compass-passive-b")]
     assert [gait.scalar("period") for gait in found] == pytest.approx(expected, rel=1e-9)
+
+
+def open_sequence(problem: Problem) -> Problem:
+    """A problem without modes and without a guess."""
+    data = problem_data(problem)
+    data["gait"] = {"phases": "auto", "section": data["gait"]["section"]}
+    return parse_problem(json.dumps(data), walkers=[MidCompass], controls=[HipClock])
+
+
+def test_starts_without_a_guess_stand_on_a_foot_at_rest_wherever_the_other_one_is() -> None:
+    problem = open_sequence(mid_stride())
+    dynamics, rng = problem_dynamics(problem), np.random.default_rng(0)
+    states = around_guess(problem, dynamics, 20, rng, exact=False, within={})
+    heights = [float(dynamics.system.contact_points(z, dynamics.p)[0][1]) for z in states]
+    assert np.isfinite(states).all()
+    assert not states[:, dynamics.system.state_names.index("dx")].any()
+    assert min(heights) < 0 < max(heights)
+
+
+def test_feet_may_pass_where_a_cycle_begins_in_mid_stride_but_not_where_one_lands() -> None:
+    state = {"theta1": 0.0, "theta2": 0.0, "dtheta1": 0.4, "dtheta2": 0.4}
+    data = problem_data(mid_stride())
+    data["gait"]["guess"]["state"] = state
+    assert parse_problem(json.dumps(data), walkers=[MidCompass]).start.state["theta2"] == 0.0
+    with pytest.raises(ProblemError, match="both feet are at the same place"):
+        named("compass-passive-stick").problem.replace({"gait.guess.state": {**state, "dtheta1": 0.5}})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("closed", [lambda: go.solve(mid_stride(), progress=False), entrained], ids=["margin", "clock"])
+def test_gaits_of_one_foot_are_found_without_a_guess_at_either_section(closed: Callable[[], Gait]) -> None:
+    gait = closed()
+    found = go.find(open_sequence(gait.problem), workers=1, progress=False)
+    assert gait.period in [pytest.approx(each.period, rel=1e-7) for each in found]
