@@ -431,6 +431,7 @@ def test_a_wrong_table_is_one_sentence_with_file_and_line(file: Path, content: A
 
 
 CURVE = {"bezier": {"theta2": [0, 0.1]}}
+FREE, HELD = {"degree": 2, "duration": 1}, {"beyond_end": "hold"}
 OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2": "theta2"}}
 
 
@@ -497,11 +498,8 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
             ".span",
             "is missing: curves without curve.start need it, the phase at the start and the end",
         ),
-        (
-            {"curve": {"degree": 2, "points": {"theta2": [0, 0, 0.7]}, "duration": 1}, "beyond_end": "hold"},
-            ".curve.points.theta2[2]",
-            "0.7 is outside of within = 0.6",
-        ),
+        ({"curve": {**FREE, "points": {"theta2": [0, 0, 0.7]}}, **HELD}, ".curve.points.theta2[2]", "0.7 is outside"),
+        ({"curve": {**FREE, "points": {"theta2": [0, 0]}}, **HELD}, ".curve.points.theta2", "of degree 2 has 3"),
         ({"curve": {"degree": 2, "start": "compass-passive-b"}, "phase": "theta1"}, ".phase", "theta1 cannot follow"),
         ({**OVER_PHASE, "degree": 6, "beyond_end": "off"}, ".beyond_end", "applies only to curves of time"),
         ({"gait": "torso-passive", "beyond_end": "hold"}, ".gait", "say which of them each joint follows, joints: {th"),

@@ -91,3 +91,8 @@ def test_samples_of_a_free_curve_change_its_points_within_their_bound():
     assert all(abs(c) <= 0.6 for p in points for row in p.values() for c in row)
     assert build_system(first).control.reference.motion().points == points[0]
     assert [p.digest for p in plan.sampled()] == [problem.digest, first.digest, second.digest]
+
+
+def test_control_points_of_other_joints_are_named():
+    with pytest.raises(ProblemError, match="are given for theta1; the tracked joints are theta1, theta2"):
+        load_problem("compass-pd-slippery").replace({"control.reference.curve.points": {"theta1": [0.0] * 7}})
