@@ -159,6 +159,14 @@ def test_an_example_of_the_gallery_has_its_numbers_and_draws_its_picture(example
     assert picture.read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["compass", "running"])
+def test_the_programs_of_the_atlases_check_their_numbers(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = runpy.run_path(str(ROOT / "docs" / "examples" / f"{name}_atlas.py"), run_name="__main__")
+    assert found["atlas"].unexplained == ()
+
+
 def test_the_gallery_shows_every_example_on_a_page_with_its_picture_and_a_moving_walker():
     page = (ROOT / "docs" / "gallery.md").read_text()
     cards = re.findall(r"^- \[!\[[^\]]+\]\(gallery/(\w+)\.gif\)\]\(gallery/\1\.md\)$", page, re.MULTILINE)

@@ -11,6 +11,7 @@ if __name__ == "__main__":  # the branches are computed in several processes
     over = {"friction": (0.05, 0.35), "walker.slope": ("0.2 deg", "5 deg")}
     atlas = go.atlas("compass-passive-a", over, output="compass")
     print(atlas)
+    assert not atlas.unexplained
     places = {junction.name: junction.values for junction in atlas.arrangement.junctions if not junction.within}
     friction, slope = places["resonance_1_2"]
     assert abs(friction - 0.145018608) < 1e-8

@@ -32,15 +32,15 @@ Node = tuple[int, int]
 """A special point: numbers of its branch, and of the point on it."""
 
 SAMPLES = 8
-"""Least points of a curve between two branches."""
+"""Smallest number of points with which a curve is drawn between two branches."""
 PARALLEL = 1e-6
-"""Determinant of two scaled tangents below which they do not tell where curves meet."""
+"""Relative difference of slopes below which tangents are parallel, so that they do not determine where curves meet."""
 ON_CURVE = 2e-3
-"""Distance from a traced curve, relative to the range, up to which a point is on it: more than that of its chords."""
+"""Largest distance of a point of a curve from its trace, relative to the ranges; chords are closer to their arcs."""
 SAME_PLACE = 1e-5
-"""Distance, relative to the range, below which two codimension-two points are one."""
+"""Distance, relative to the ranges, below which two codimension-two points are the same."""
 EDGE = 0.02
-"""Least distance from a branch, relative to that of two branches, of an event between them."""
+"""Smallest distance of an estimated meeting from a branch, relative to the distance of the two branches around it."""
 MEETINGS = {
     frozenset(("fold",)): "cusp",
     frozenset(("neimark_sacker", "period_doubling")): "resonance_1_2",
@@ -150,7 +150,7 @@ class Slice:
 
     @property
     def types(self) -> list[str]:
-        """Types of the special points; an end at a bound of the range has its own one."""
+        """Types of the special points; an end at a bound of the range has the type ``bound``."""
         return [type_of(special) for special in self.specials]
 
 
@@ -160,7 +160,7 @@ def type_of(special: Record) -> str:
 
 
 def unstable_count(points: Sequence[Record]) -> int:
-    """Number of multipliers outside the unit circle of most of some gaits."""
+    """Number of multipliers outside the unit circle, that of most of the gaits."""
     counts = [sum(abs(complex(m["re"], m["im"])) > 1 for m in point["multipliers"]) for point in points]
     return max(set(counts), key=counts.count)
 
@@ -175,7 +175,7 @@ class Curve:
     points : ndarray, shape (n, 2) - along the curve, in both parameters.
     located : ndarray, shape (m, 2) - its special points on branches, located to rounding.
     records : these special points.
-    sheet : number of the sheet that it lies on, or bounds.
+    sheet : number of the sheet on which it lies or which it bounds.
     """
 
     type: str
@@ -191,7 +191,7 @@ class Junction:
 
     Attributes
     ----------
-    name : what it is; empty where curves only leave the range.
+    name : its type; empty where curves only leave the range.
     values : both parameters.
     types : of the curves.
     within : half the distance of the branches between which it lies; zero if it is located.
@@ -285,7 +285,7 @@ def ordered(slices: Iterable[Slice]) -> list[Slice]:
 
 
 def _likeness(first: Slice, second: Slice) -> float:
-    """How well two branches match: the labels of their segments, and the types of their special points."""
+    """How well the labels of segments and the types of special points of two branches match, from 0 to 2."""
     labels = SequenceMatcher(None, first.labels, second.labels, autojunk=False)
     return labels.ratio() + SequenceMatcher(None, first.types, second.types, autojunk=False).ratio()
 
@@ -318,9 +318,10 @@ def curves_between(slices: Sequence[Slice]) -> list[list[Node]]:
 
 
 def open_gaps(slices: Sequence[Slice], traces: Sequence[Traced], span: tuple[float, float]) -> list[int]:
-    """Numbers of the slices between which and the next one there is more than the traces explain.
+    """Numbers of the slices that differ from the next one by more than the traces explain.
 
-    This is a place where curves meet that no trace has located, a curve between two of its meetings, or a whole curve.
+    Between the two, curves meet at a place that no trace has located, or a trace lies there between two of its
+    codimension-two points or as a whole.
     """
     arrangement, values = _arranged(slices, span, traces), [each.value for each in slices]
     gaps = {int(np.searchsorted(values, j.values[1])) - 1 for j in arrangement.meetings if j.within}
@@ -371,7 +372,7 @@ def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence
 def _arranged(
     slices: Sequence[Slice], span: tuple[float, float], traces: Sequence[Traced], count: int = 0, sheets: int = 0
 ) -> Arrangement:
-    """Regions, curves and junctions of one family, after families with ``count`` slices and so many ``sheets``."""
+    """Regions, curves and junctions of one family; earlier families have ``count`` slices and ``sheets`` sheets."""
     links, meetings, matched = _linked(slices)
     places = [(j, i) for j, each in enumerate(slices) for i in range(len(each.segments))]
     joined = [((j, s), (j + 1, t)) for j, pairs in enumerate(matched) for s, t in pairs]

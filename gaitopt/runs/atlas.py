@@ -297,7 +297,7 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
             branches |= self._completed(jobs, [known[value] for value in starts])
             branches = {job.key: branches[job.key] for job in known.values()}
             tried |= {*starts.items()}
-            # a family may end on the way from the first branch, but not on that from the nearest one
+            # a family may end between the first branch and this value, but not between the nearest branch and it
             there = [value for value in values if branches[known[value].key]["segments"]]
             nearest = {v: min(there, key=lambda other: abs(other - v)) for v in values if there and v not in there}
             starts = {value: start for value, start in nearest.items() if (value, start) not in tried}
@@ -316,8 +316,8 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
     def _between(self, slices: Sequence[Slice], traces: Sequence[Traced]) -> dict[float, float]:
         """Values of the second parameter at which a branch is missing, each with that of the branch it starts from."""
         second, values = self.axes[1], [each.value for each in slices]
-        least = (second.upper - second.lower) / (self.slices - 1) / 2**self.refinements
-        gaps = (j for j in open_gaps(slices, traces, self.span) if values[j + 1] - values[j] > 1.5 * least)
+        smallest = (second.upper - second.lower) / (self.slices - 1) / 2**self.refinements
+        gaps = (j for j in open_gaps(slices, traces, self.span) if values[j + 1] - values[j] > 1.5 * smallest)
         return {
             (values[j] + values[j + 1]) / 2: max(slices[j : j + 2], key=lambda each: len(each.segments)).value
             for j in gaps
@@ -441,7 +441,10 @@ def is_traceable(special: Record) -> bool:
 def atlas_job(argument: tuple[Any, ...], start: Record | None = None, should_stop: Stop = None) -> Record:
     """One job of an atlas, in any process: its function, what it returns if it fails, and its inputs."""
     task, _, *inputs = argument
-    return {**task(*inputs, start, should_stop)}
+    record = task(*inputs, start, should_stop)
+    if should_stop is not None and should_stop():
+        raise KeyboardInterrupt
+    return {**record}
 
 
 def slice_job(
@@ -453,7 +456,7 @@ def slice_job(
     start: Record | None,
     should_stop: Stop = None,
 ) -> dict[str, Any]:
-    """A branch: its segments and special points, from a gait of another one; without segments where none is found.
+    """Segments and special points of a branch, from a gait of another branch; no segments if no gait is found.
 
     Parameters
     ----------
@@ -462,8 +465,6 @@ def slice_job(
     first, second = axes
     reasons = list[str]()
     for gait in _starts(problem, first, second, value, start, should_stop):
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
         if not gait.converged:
             reasons.append(gait.message)
             continue
@@ -516,7 +517,7 @@ def _starts(
 
 
 def _moved(gait: Gait, there: Mapping[str, float], should_stop: Stop) -> Iterator[Gait]:
-    """The gait of the family at other values of parameters, changed one after the other; none if it ends before."""
+    """The gait of the family at other values of parameters, changed one after the other; none if the family ends."""
     for key, value in there.items():
         if gait.dynamics.parameter(key) == value:
             continue
@@ -580,7 +581,8 @@ def _cut(
         points = [(r.gait, r.value) for r in chain[first + 1 : last] if isinstance(r, BranchPoint)]
         points = points or _between(chain[first], chain[last], key)
         if points:
-            segments.append([_point(gait, at) for gait, at in _thinned(points)])
+            stored = np.unique(np.linspace(0, len(points) - 1, STORED_POINTS).round().astype(int)).tolist()
+            segments.append([{"value": at, **gait.to_record()} for gait, at in (points[k] for k in stored)])
             specials.append(_special(chain[last], backwards=last < backwards))
         else:
             specials[-1] = _special(chain[last], backwards=last < backwards)
@@ -602,22 +604,11 @@ def _between(first: BranchPoint | SpecialPoint, last: BranchPoint | SpecialPoint
 
 
 def _special(special: BranchPoint | SpecialPoint, *, backwards: bool) -> dict[str, Any]:
-    """A special point as it is stored; ``backwards`` if the branch was followed towards the lower bound."""
+    """The record of a special point; ``backwards`` if the branch was followed towards the lower bound."""
     assert isinstance(special, SpecialPoint)
     if backwards:
         special = replace(special, before=special.after, after=special.before)
     return dict(special.to_record())
-
-
-def _thinned(points: Sequence[tuple[Gait, float]]) -> list[tuple[Gait, float]]:
-    """At most ``STORED_POINTS`` points, evenly by number."""
-    chosen = np.unique(np.linspace(0, len(points) - 1, STORED_POINTS).round().astype(int))
-    return [points[k] for k in chosen.tolist()] if points else []
-
-
-def _point(gait: Gait, value: float) -> dict[str, Any]:
-    """A gait as it is stored."""
-    return {"value": value, **dict(gait.to_record())}
 
 
 def trace_job(
@@ -696,8 +687,6 @@ def check_job(
         gait = solve_sequence(at_point(problem, at).with_gait(known), should_stop=should_stop)
     except (ProblemError, SolveError) as error:
         return {"at": at, "gait": None, "reason": str(error)}
-    if should_stop is not None and should_stop():
-        raise KeyboardInterrupt
     if not gait.converged:
         return {"at": at, "gait": None, "reason": gait.message}
     verification = verify(gait)

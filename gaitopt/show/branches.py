@@ -256,7 +256,10 @@ def write_beside(
                 continue
             leader = np.linspace(at, centre, LEADER_POINTS)
             others = (box for box in taken if not np.all((box[0] < at) & (at < box[1])))
-            crossed = sum(bool(np.all((bottom < leader) & (leader < top), axis=1).any()) for bottom, top in others)
+            crossed = sum(
+                bool(np.all((bottom - MARKER_SIZE / 2 < leader) & (leader < top + MARKER_SIZE / 2), axis=1).any())
+                for bottom, top in others
+            )
             if np.all(low >= VALUE_REGION[0]) and np.all(high <= VALUE_REGION[1]):
                 covered = int(np.all((low < curves) & (curves < high), axis=1).sum())
                 if not covered or letter is not None:
@@ -267,8 +270,10 @@ def write_beside(
             taken.append((low, high))
             ink, near = (NEUTRAL, DISTANCES[-1]) if letter is None else ("black", DISTANCES[1])
             arrow = {"arrowstyle": "-", "color": ink, "linewidth": 0.7} if distance > near else None
+            by_size = at + distance * MARKER_SIZE * (right, up), "axes fraction"
+            where, units = ((7 * distance * right, 5 * distance * up), "offset points") if letter is None else by_size
             axes.annotate(
-                text, (value, height), xytext=(7 * distance * right, 5 * distance * up), textcoords="offset points",
+                text, (value, height), xytext=where, textcoords=units,
                 ha="left" if right > 0 else "right", va=("center", "bottom", "top")[up], fontsize="small",
                 color=ink, arrowprops=arrow,
                 path_effects=[] if letter is None else [withStroke(linewidth=2, foreground="white")],
