@@ -292,7 +292,10 @@ def test_a_wrong_demand_is_named(stated, place, words):
 
 
 def test_too_few_and_too_many_unknowns_are_said_plainly():
-    assert only(changed(add="objective: speed\n")).startswith("gait.yaml:18:1 objective: too few unknowns")
+    objective = only(changed(add="objective: speed\n"))
+    assert objective.startswith("gait.yaml:18:1 objective: too few unknowns")
+    assert "free a parameter of walker, friction or control" in objective
+    assert "over: is for designs, and nothing is an unknown" in only(GAIT + "over: {friction: [0.1, 0.3]}\n")
     assert only(changed(add="constraints: {speed: 0.4}\n")).startswith("gait.yaml:18:1 constraints: too few unknowns")
     assert only(changed(("hip: 0.2", HIP))).startswith("gait.yaml:11:46 control.hip: too many unknowns")
 
