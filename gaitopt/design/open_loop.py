@@ -314,7 +314,7 @@ class CollocationProgram(NonlinearProgram):
 
     def node_times(self, durations: Array) -> Array:
         """Times of the points since the last impact, shape (n_nodes,) [s]."""
-        return self.collocation.point_times(durations)
+        return self.collocation.points.times(durations)
 
     def refined(self, w: Array) -> "CollocationProgram | None":
         """The program with margins also at those places between the points at which a solution violates them.

@@ -302,10 +302,6 @@ class Collocation:
         """Whether no interval has a negative length: phases and intervals of the law still end in the same order."""
         return bool((self.points.lengths(self.unpack(x)["durations"]) >= 0).all())
 
-    def point_times(self, durations: Array) -> Array:
-        """Times of all states [s]."""
-        return self.points.times(durations)
-
     def pack(self, states: Array, values: Array, durations: Array, freed: Sequence[float]) -> Array:
         """A start from states (n_states, n_z), torque values by motor and durations; other unknowns are zero or one."""
         x = np.zeros(self.n_x)
@@ -388,7 +384,7 @@ class Collocation:
 
     def start(self, motion: Motion, values: Array, durations: Array, freed: Sequence[float]) -> Array:
         """A start from a motion; integrals and lengths have the values of that motion."""
-        times, states = self.point_times(durations), np.empty((self.n_states, self.system.n_z))
+        times, states = self.points.times(durations), np.empty((self.n_states, self.system.n_z))
         of_phase: dict[int, list[int]] = {}
         intervals = self.mesh.intervals
         for interval, state in zip(intervals, self.points.first, strict=True):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from named import named
 
 from gaitopt import load_run
 from gaitopt.cli.main import main
@@ -270,3 +271,10 @@ def test_no_command_ends_in_an_internal_error_or_another_result(copy, run, name)
 @pytest.mark.parametrize("name", DOORS)
 def test_many_changes_are_no_internal_error_and_no_other_result(copy, run, name):
     check_commands(copy, run, name, 0.1)
+
+
+def test_values_that_are_not_those_of_the_manifest_are_refused(tmp_path):
+    run = Run(named(WHEEL).save(tmp_path / "run"))
+    run.write({"resolved.json": json.dumps(run.read_object("resolved.json") | {"friction": 0.5})})
+    with pytest.raises(StorageError, match=r"resolved\.json does not have the hash of the manifest"):
+        load_run(run.folder)

@@ -119,12 +119,13 @@ def test_neighbour_is_prescribed_by_the_grid_alone(tmp_path):
     assert [keys.index(job.parent) if job.parent else None for job in sweep.jobs] == [None, 0, 0, 1, 2, 3]
 
 
-def test_point_without_a_gait_is_a_row_of_the_table(tmp_path):
-    sweep = wheel_sweep(tmp_path, Axis(key="friction", lower=0.1, upper=0.4, count=2))
-    first, second = sweep.complete(HERE).records
-    assert first["status"] != "converged"
-    assert second["status"] == "converged"
+def test_point_without_a_gait_is_a_row_of_the_table_and_done_too(tmp_path):
+    frictions = Axis(key="friction", lower=0.05, upper=0.4, count=2)
+    sweep = wheel_sweep(tmp_path, frictions)
+    records = sweep.complete(HERE).records
+    assert [record["status"] for record in records] == ["infeasible", "converged"]
     assert table(sweep)[0]["period"] == ""
+    assert wheel_sweep(tmp_path, frictions).complete(HERE).records == records
 
 
 def test_job_that_is_set_aside_is_named_and_tried_again_next_time(tmp_path, monkeypatch):
