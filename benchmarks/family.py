@@ -21,9 +21,9 @@ from gaitopt.branches.request import Request
 from gaitopt.gait.branch import BranchPoint
 
 NAME, START, END = "compass-passive-a", 0.165, 0.125
-"""Three phases all the way, stable, no special point between."""
+"""The family between these frictions has three phases, is stable and has no special point."""
 POINTS = 10
-"""Of the plain way."""
+"""Number of gaits that are also computed the plain way."""
 
 
 def rows() -> list[Row]:
@@ -45,20 +45,20 @@ def rows() -> list[Row]:
 
 
 def family(gait: Gait, verify_every: int) -> list[BranchPoint]:
-    """All gaits on the way."""
+    """All gaits of the family from start to end."""
     request = Request(parameter="friction", to=(END,), verify_every=verify_every)
     return [record for record in follow_family(gait, request) if isinstance(record, BranchPoint)]
 
 
 def timed(call: Callable[[], Any]) -> tuple[Any, float]:
-    """Result and process time [s]."""
+    """The result of a call and its process time [s]."""
     began = time.process_time()
     result = call()
     return result, time.process_time() - began
 
 
 def plain_family(points: list[BranchPoint]) -> float:
-    """Every few of the same gaits and their multipliers, the plain way; how far the multipliers are off."""
+    """Compute ``POINTS`` of the same gaits with multipliers the plain way; the largest difference of spectral radii."""
     walker = points[0].gait.problem.walker
     names = ("leg_length", "leg_mass", "leg_com", "hip_mass", "gravity", "slope")
     xi, worst = points[0].gait.state[[0, 3, 4]], 0.0

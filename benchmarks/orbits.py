@@ -32,7 +32,7 @@ from gaitopt.show.orbits import orbit_record
 from gaitopt.show.style import MODE_WORDS, dashes, encoded, figure_style
 
 VERSION = "2.2.0"
-"""Of the set; a change of a number or a key changes it."""
+"""Version of the set of orbits; a change of a number or a key changes it."""
 FOLDER = Path(__file__).parents[1] / "results" / "reference-orbits"
 POSTURES, SMOOTH = 8, 60
 """Postures of a step in a picture, and points of a curve of one arc."""

@@ -27,7 +27,7 @@ TURNS = 5
 SLICE = 0.1
 """Processor time of a turn; it ends with the call that exceeds it [s]."""
 CYCLES = 20
-"""Of a simulated walk, if the gait is stable."""
+"""Number of cycles of a simulated walk, if the gait is stable."""
 GAITS = (
     "compass-passive-a",
     "compass-passive-stick",

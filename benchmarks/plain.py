@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 RTOL, ATOL = 1e-12, 1e-12
 DIFFERENCE = 1e-6
-"""Of central differences: the cube root of the rounding of a step."""
+"""Step of central differences: the cube root of the rounding of a step."""
 DIRECTION = {"stick": 0, "slip_forward": 1, "slip_backward": -1}
 
 

@@ -69,7 +69,7 @@ def main() -> None:
 
 
 def arguments() -> argparse.Namespace:
-    """What to measure."""
+    """The choice of measurements."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help="cold, walking, ...; all of them unless given")
     parser.add_argument("--states", type=int, default=100_000, help="states of the basin; 1000000 for the full one")
@@ -89,7 +89,7 @@ def machine() -> dict[str, object]:
 
 
 def processor_lines() -> list[str]:
-    """What Linux says of its processors; empty elsewhere."""
+    """The lines in which Linux describes its processors; none elsewhere."""
     file = Path("/proc/cpuinfo")
     return file.read_text(encoding="utf-8").splitlines() if file.exists() else []
 

@@ -29,7 +29,7 @@ class Row:
 
 
 Way = tuple[Callable[[], Any], str]
-"""What is called, and a note."""
+"""A function to be measured, and a note."""
 
 
 def compared(

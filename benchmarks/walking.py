@@ -26,7 +26,7 @@ SPREAD = 0.02
 
 
 def plain_walker(gait: Gait) -> PlainCompass:
-    """The same walker, the plain way."""
+    """The same walker without gaitopt."""
     walker = gait.problem.walker
     names = ("leg_length", "leg_mass", "leg_com", "hip_mass", "gravity", "slope")
     return PlainCompass(**{name: getattr(walker, name) for name in names}, friction=gait.problem.friction)

@@ -173,7 +173,7 @@ BRIEF = """<style>header, .scroll, .specials, .overview > .scroll, main > sectio
   #gait :is(.swipe, table.multipliers) { display: none; }
 }</style>
 </head>"""
-"""Of the page of a branch the start page shows the diagram, the slider, the walker and three figures."""
+"""Style with which the start page shows only diagram, slider, walker and three figures of the page of a branch."""
 PUSHES = {"dtheta1": (-0.1, -0.05, -0.02, 0.02, 0.05), "dtheta2": (-0.2, 0.2)}
 """Relative changes of the rates of stance and swing leg just after an impact."""
 LEGS = {"dtheta1": "stance leg", "dtheta2": "swing leg"}
@@ -233,7 +233,7 @@ MOVED = {
     "performance": "developer/performance.html",
     "reliability": "developer/reliability.html",
 }
-"""Where the contents of former pages are."""
+"""Present addresses of the contents of former pages."""
 REDIRECT = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Moved</title>
 <meta http-equiv="refresh" content="0; url={0}"><p>This page is now at <a href="{0}">{0}</a>.</p></html>
 """

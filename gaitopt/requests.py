@@ -79,7 +79,8 @@ IPOPT_ITERATIONS = 300
 INTERVALS = 14
 """Default number of intervals of a step in a first mesh; they give about ten digits on the gaits of the paper."""
 FEWEST_INTERVALS, MOST_INTERVALS = 2, 2000
-"""Bounds of the number of intervals; IPOPT takes half a second for an iteration on the finest mesh."""
+"""Bounds of the number of intervals. IPOPT takes half a second for an iteration on the finest mesh, and does not search
+on a finer one; Newton's method may refine it."""
 
 
 LONGEST_SHOWN = 60

@@ -25,7 +25,7 @@ AT_ONCE, AT_ALL = 0.167825357, 0.178328165
 """Frictions below which the foot slips at the breakpoint, and at all; from continuation, which locates them in both
 directions."""
 STATE = {"theta1": -0.12824, "dtheta1": 0.64306, "dtheta2": -0.42062}
-"""After the impact; it depends little on the friction."""
+"""State after the impact; it depends little on the friction."""
 
 
 class Staircase(Control):

@@ -84,7 +84,7 @@ def places(file: Path) -> Iterator[Mutant]:
 
 
 def chosen(seed: int, count: int) -> list[Mutant]:
-    """As many mutants of every package."""
+    """Mutants of all packages, the same number of each."""
     rng, packages = random.Random(seed), []
     for package in PACKAGES:
         own = [mutant for file in sorted((ROOT / "gaitopt" / package).rglob("*.py")) for mutant in places(file)]

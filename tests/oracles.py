@@ -43,7 +43,7 @@ TorsoCompass = example("torso_compass", "TorsoCompass")
 
 @dataclass(frozen=True)
 class Link:
-    """From one joint to the next: ``length (sin phi, cos phi)`` with ``phi = offset + sign q[index]``."""
+    """A link from one joint to the next: ``length (sin phi, cos phi)`` with ``phi = offset + sign q[index]``."""
 
     length: float
     index: int
@@ -144,7 +144,7 @@ class Oracle:
         return F, dq + np.linalg.solve(M, W.T @ F)
 
     def angular_momentum(self, about: Array, q: Array, dq: Array) -> float:
-        """About a fixed point, in the sense of the angles (from the normal towards downhill, clockwise)."""
+        """Angular momentum about a fixed point, clockwise as the angles, from the normal towards downhill."""
         return sum(
             -m.mass * cross(m.point.position(q) - about, m.point.velocity(q, dq)) + m.inertia * dq[m.turns_with]
             for m in self.masses

@@ -15,7 +15,7 @@ DIMENSIONS = {
 
 
 def factor(name: str, units: tuple[float, float, float]) -> float:
-    """By what a parameter is multiplied."""
+    """The factor by which a parameter is multiplied."""
     return float(np.prod(np.power(np.array(units, dtype=float), DIMENSIONS.get(name, (0, 0, 0)))))
 
 

@@ -27,11 +27,11 @@ Array = NDArray[np.float64]
 
 CHORDS = 60
 ROUNDING = 2e-13
-"""Of a simulated step."""
+"""Rounding of a simulated step."""
 DIFFERENCE = 1e-5
-"""Of the parameter, for a chord that need not be sharp."""
+"""Difference of the parameter for the derivative of a chord, which need not be accurate."""
 CLOSER = 0.1
-"""A one-sided approach goes on at this part of its distance."""
+"""Ratio of successive distances in a one-sided approach."""
 
 
 @dataclass
@@ -76,7 +76,7 @@ class SimulatedFamily:
         raise AssertionError(f"chords leave a residual of {np.abs(defect).max():.2g} at {self.parameter} = {value}")
 
     def _predicted(self, value: float) -> Array:
-        """On the line through the last two fixed points."""
+        """The prediction on the line through the last two fixed points."""
         if len(self._solved) < 2:
             return self._solved[-1][1] if self._solved else self.xi
         (first, at_first), (second, at_second) = self._solved
@@ -93,7 +93,7 @@ class SimulatedFamily:
         return floquet_multipliers(self.map_at(value).jacobian([step]))
 
     def change_of_modes(self, low: float, high: float) -> float:
-        """Where the modes change between two values."""
+        """The value between two others at which the modes change."""
         below = self.modes_at(low)
         assert self.modes_at(high) != below
         while high - low > 2e-10:
@@ -102,7 +102,7 @@ class SimulatedFamily:
         return (low + high) / 2
 
     def crossing(self, function: Callable[[NDArray[np.complex128]], float], low: float, high: float) -> float:
-        """Where a function of the multipliers is zero."""
+        """The value at which a function of the multipliers is zero."""
         return float(brentq(lambda value: function(self.multipliers_at(value)), low, high, xtol=1e-12))
 
     def impact_margin(self, value: float) -> float:
@@ -120,7 +120,7 @@ class SimulatedFamily:
         return self._friction(value) * float(f_n) - abs(float(f_t))
 
     def approach(self, margin: Callable[[float], float], first: float, second: float) -> float:
-        """Where a margin falls to zero, from two values on the side where it is positive, the second one nearer."""
+        """The value at which a margin falls to zero, from two values where it is positive, the second one nearer."""
         values, margins, root = [first, second], [margin(first), margin(second)], np.inf
         while abs(values[-1] - root) > 1e-8:
             slope = (margins[-1] - margins[-2]) / (values[-1] - values[-2])

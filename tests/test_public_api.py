@@ -92,7 +92,7 @@ def _type(annotation: Any) -> str:
 
 
 def _option(option: Any) -> str:
-    """Its names, what it takes, and whether it may be left out or repeated."""
+    """A line with the names of an option, its value, and whether it may be left out or repeated."""
     words = [", ".join(option.opts), option.metavar or ""]
     default = option.default() if callable(option.default) else option.default
     is_switch = getattr(option, "is_flag", False)

@@ -517,7 +517,7 @@ def atlas(
 
     Parameters
     ----------
-    problem : with phases and without free parameters; the family is that of its gait.
+    problem : a problem with phases and without free parameters; the family is that of its gait.
     over : lower and upper end by dotted key, of two parameters; the branches are in the first one. An end may be a text
         such as ``"2 deg"``.
     slices : number of branches to begin with.

@@ -249,7 +249,7 @@ def simulate(
         coordinates follow from the section. A whole state (x may be left out) may be any state of the walker: its
         contacts follow from heights and rates.
     steps : number of steps; 1 by default, if the problem does not say until when.
-    until : where to end instead: ``Until(time=2.0)``, ``Until(events=5)``.
+    until : the end of the walk instead: ``Until(time=2.0)``, ``Until(events=5)``.
     dense : False stores only the ends of every arc, for long walks.
     engine : ``auto``, ``scipy`` or ``heyoka``.
     longest_step : longest time from impact to impact [s]; a step that takes longer ends as ``no_touchdown``. 50 times

@@ -138,7 +138,7 @@ def design_scenarios(
 
     Parameters
     ----------
-    problem : with the objective and the constraints, which every gait has to meet.
+    problem : the problem that states objective and constraints, which every gait has to meet.
     gaits : converged gaits of one system with equal freed parameters, such as on floors of different friction. The
         problem of each has its own mode sequence.
     shares : weight of each gait in the objective.

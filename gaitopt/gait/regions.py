@@ -94,8 +94,8 @@ class Slice:
 
     Attributes
     ----------
-    value : of the second parameter.
-    segments : in the order of the branch; empty if no gait was found.
+    value : value of the second parameter.
+    segments : its segments in the order of the branch; empty if no gait was found.
     specials : one more than segments; the first and the last one are its ends.
     reason : why there is no segment.
     doubled : branches of doubled gaits that begin on this one; the first special point of each is the period doubling.
@@ -171,7 +171,7 @@ class Curve:
 
     Attributes
     ----------
-    type : of its points.
+    type : type of its special points.
     points : ndarray, shape (n, 2) - along the curve, in both parameters.
     located : ndarray, shape (m, 2) - its special points on branches, located to rounding.
     records : these special points.
@@ -193,7 +193,7 @@ class Junction:
     ----------
     name : its type; empty where curves only leave the range.
     values : both parameters.
-    types : of the curves.
+    types : types of the curves.
     within : half the distance of the branches between which it lies; zero if it is located.
     sheet : number of its sheet.
     """
@@ -246,7 +246,7 @@ class Traced:
 
     Attributes
     ----------
-    type : of the special point from which it was traced.
+    type : type of the special point from which it was traced.
     points : ndarray, shape (n, 2) - along the curve, in both parameters.
     specials : types and places of the codimension-two points that were located on it.
     steps : number of steps of its cycles.
@@ -263,7 +263,7 @@ class Traced:
 
     @property
     def runs(self) -> list[Array]:
-        """Its parts with a monotone second parameter, ascending."""
+        """The parts of the curve on which the second parameter is monotone, each ascending."""
         steps = np.sign(np.diff(self.points[:, 1]))
         cuts = [0, *(np.flatnonzero(np.diff(steps)) + 1), len(self.points) - 1]
         parts = [self.points[first : last + 1] for first, last in pairwise(cuts)]
@@ -352,9 +352,9 @@ def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence
 
     Parameters
     ----------
-    slices : ascending in the second parameter.
+    slices : the branches, ascending in the second parameter.
     span : range of the first parameter.
-    traces : of its curves.
+    traces : the traced curves of special points.
     """
     parts, count, sheets = list[Arrangement](), 0, 0
     for family in families(slices):
@@ -494,7 +494,7 @@ def _polygons(
     links: Mapping[Node, Node],
     paths: Mapping[tuple[Node, bool], Array],
 ) -> Iterator[tuple[Node, Array]]:
-    """For every segment the polygon between its branch and the next one, and where it begins between them."""
+    """Each segment with the polygon between its branch and the next one: where it ends or begins between them."""
     side = partial(_side, links, paths)
     for j, pairs in enumerate(matched):
         partners, begun = dict(pairs), {t for _, t in pairs}
@@ -543,12 +543,12 @@ class _Meeting:
 
     @property
     def nodes(self) -> tuple[Node, ...]:
-        """All of them."""
+        """The special points on both sides."""
         return self.below + self.above
 
     @property
     def sides(self) -> tuple[tuple[Node, ...], tuple[Node, ...]]:
-        """Those from which curves leave upwards, then those whose curves arrive from below."""
+        """The special points from which curves leave upwards, and those at which curves arrive from below."""
         return self.above, self.below
 
 
@@ -734,7 +734,7 @@ def _meeting_place(
     chains: Sequence[list[Node]],
     meeting: _Meeting,
 ) -> Junction:
-    """Where curves meet: at a known place, else at the point nearest to their tangents between the two branches."""
+    """The point where curves meet: a known one, else the one nearest to their tangents between the two branches."""
     if meeting.place is not None:
         kinds = {type_of(slices[j].specials[k]) for j, k in meeting.nodes}
         return Junction(name=meeting.name, values=meeting.place, types=tuple(sorted(kinds)), within=0.0, sheet=0)

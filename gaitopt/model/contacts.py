@@ -625,8 +625,8 @@ def _pivots(
     ----------
     n : number of coordinates; the constraints come after them.
     bilateral, sliding : indices of the constraints of stops, and of the normal constraints of contacts that slip.
-    steady : those of ``sliding`` whose contact has the same Jacobian in all postures, each with the coordinates along
-        which it slips.
+    steady : the constraints of ``sliding`` whose contact has the same Jacobian in all postures, each with the
+        coordinates along which it slips.
 
     Returns
     -------

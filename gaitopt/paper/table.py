@@ -287,7 +287,7 @@ SENTENCES = (
 
 
 ROUNDING = 1e-9
-"""Added to half a digit, so that rounding does not decide about a number exactly half a digit away."""
+"""Addition to half a digit, so that rounding does not decide about a number exactly half a digit away."""
 MARKDOWN_DIGITS = 5
 """Number of significant digits in the Markdown table; the JSON has all digits."""
 INTRODUCTION = """# Gamus & Or (2013): every printed number, computed again

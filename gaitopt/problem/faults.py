@@ -63,7 +63,7 @@ class Fault:
 
 
 class Place(Protocol):
-    """Where a problem was stated."""
+    """The file or mapping in which a problem was stated."""
 
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
         """A position to sort by, and the text of the place of ``path``."""

@@ -539,7 +539,7 @@ def build_problem(
     Parameters
     ----------
     data : data in the layout of a problem file.
-    place : where the data were stated, for messages.
+    place : the file or mapping in which the data were stated, for messages.
     faults : faults that were found while the text of the file was read.
     classes : classes that the data may name in addition to the registered ones.
     files : the files that refer to this problem, followed by its own file; empty if it comes from no file. If None,

@@ -217,7 +217,7 @@ class FirstGuessSection(Section):
 
 
 class UntilSection(Section):
-    """Where a simulation ends: whichever of these comes first."""
+    """The end of a simulation: the first of these conditions that holds."""
 
     time: Annotated[Positive | None, Field(le=1e6, description="time since the start [s]")] = None
     steps: Annotated[int | None, Field(strict=True, ge=1, le=1_000_000, description="number of steps")] = None

@@ -168,7 +168,7 @@ class ProblemStatement(Tabulated):
     constraints : ranges of scalars by name.
     over : the range of a parameter over which a design holds; None if it is for the problem's own values only.
     cycle_end : what ends a cycle: ``touchdown``, ``clock`` or the name of a margin.
-    until : where a simulation ends, if the problem says so; only without a gait.
+    until : the end of a simulation, if the problem states it; only without a gait.
     """
 
     name: str
@@ -496,7 +496,7 @@ def override(
 
 
 POINTS = ("control.reference.bezier.", "control.reference.")
-"""What precedes the name of the joint in the key of a control point in a file, and in the key of its parameter."""
+"""Text before the name of the joint in the key of a control point in a file, and in the key of its parameter."""
 
 
 def _path(key: str, data: Mapping[str, Any]) -> Key:

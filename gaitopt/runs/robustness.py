@@ -59,7 +59,7 @@ class Robustness(Reported):
 
     Attributes
     ----------
-    problem : that of the gait.
+    problem : problem of the gait.
     figures : values of all figures by their names, such as ``patch:friction_low:1``.
     folder : folder of its files.
     """

@@ -131,7 +131,7 @@ def lift(name: str, margin: Any, rate: Any) -> Any:
 
     A lifted margin never starts at zero, because heyoka would miss its next root. A margin that may fall is lifted by
     ``EDGE``; if it starts at its edge, it is also lifted by its possible dip. ``touchdown`` is lowered until it is
-    armed, so that it only falls after it has been positive. Floats, or arrays of one shape.
+    armed, so that it only falls after it has been positive. The arguments are floats, or arrays of one shape.
     """
     armed, dip = is_armed(name, margin), (margin <= EDGE) * (rate < 0) * 2 * EDGE
     return armed * (smallest_lift(name) + dip) - (1 - armed) * EDGE
@@ -143,14 +143,14 @@ def rests_at_edge(name: str, margin: float, rate: float) -> bool:
 
 
 def coincides(margin: Any, rate: Any) -> Any:
-    """Whether a margin falls through zero at this instant; floats, or arrays of one shape."""
+    """Whether a margin falls through zero at this instant; both are floats, or arrays of one shape."""
     return (rate < 0) & (abs(margin) <= -rate * SIMULTANEOUS)
 
 
 def falls_at_limit(name: str, margin: Any, rate: Any) -> Any:
     """Whether a margin that rises first falls at the time limit of an arc; it would not be armed in the next arc.
 
-    Floats, or arrays of one shape.
+    The arguments are floats, or arrays of one shape.
     """
     return (abs(margin) <= EDGE) & (rate < 0) & (kind(name) not in FALLING)
 

@@ -80,7 +80,7 @@ VARIATIONAL_TOLERANCE = 1e-12
 """Tolerance of a step with deviations. Order 15 instead of 20 takes two thirds of the time, and the deviations are
 still accurate to 1e-14: heyoka's choice of the step length has a reserve of two digits."""
 CORRECTED_TOLERANCE = 1e-14
-"""The same under feedback from step to step, whose gains cancel a large growth of the deviations."""
+"""Tolerance of a step with deviations under feedback from step to step, whose gains cancel their large growth."""
 BLOCK = 256
 """Number of rows in one call of a row function. All calls have this size: if the last rows of a block did not fill the
 registers, other instructions would round them differently."""

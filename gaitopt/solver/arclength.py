@@ -290,7 +290,7 @@ def extrapolation(places: Sequence[float], place: float, *, slopes: bool = False
 
 
 def next_length(length: float, iterations: int) -> float:
-    """The length of the next step after a step of this length that took so many Newton iterations."""
+    """The length of the next step after a step of this length, from the number of its Newton iterations."""
     if iterations > MANY_ITERATIONS:
         return length / GROWTH
     return length * (GROWTH if iterations <= FEW_ITERATIONS else 1.0)

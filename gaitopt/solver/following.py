@@ -203,7 +203,7 @@ def _end_of_family(last: _PathPoint) -> Cause:
 
 
 class Family:
-    """Gaits of one mode sequence at many parameter values; each starts from the previous ones. One thread only.
+    """Gaits of one mode sequence at many parameter values; each starts from the previous ones; for one thread.
 
     Parameters
     ----------

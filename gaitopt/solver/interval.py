@@ -26,8 +26,8 @@ from gaitopt.model.system import HybridSystem
 ORDER = 8
 LOBATTO_POINTS = (1 + np.array([-1.0, -np.sqrt(3 / 7), 0.0, np.sqrt(3 / 7), 1.0])) / 2
 STEP_ERROR, MAX_HALVINGS = 1e-13, 10
-"""A step is accurate if it differs from two half steps by less than this, in natural units. It is halved at most so
-often."""
+"""A step is accurate if it differs from two half steps by less than this, in natural units. ``MAX_HALVINGS``
+limits how often it is halved."""
 LOBATTO_WEIGHTS = np.array([9, 49, 64, 49, 9]) / 180
 """Weights of a quadrature on [0, 1] that includes both ends. They are positive, and its order is that of the step."""
 

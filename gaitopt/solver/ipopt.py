@@ -65,7 +65,7 @@ ENDINGS: dict[str, tuple[Status, str]] = {
 gaitopt and raises an error."""
 
 PROGRESS_ITERATIONS = 10
-"""The change of the objective in so many last iterations shows whether a search still makes progress."""
+"""Number of last iterations in which the change of the objective shows whether a search still makes progress."""
 RUNNING = threading.RLock()
 """The lock that a thread holds while IPOPT runs, and while a solver is freed: MUMPS then frees its memory."""
 FREED_SOLVERS = Freed(RUNNING, BUILDING)

@@ -79,7 +79,7 @@ class Mesh:
 
     @cached_property
     def start_nodes(self) -> NDArray[np.intp]:
-        """Index of the node at which every interval starts; the interval ends at the next one. Shape (intervals,)."""
+        """Index of the node at which every interval starts, shape (intervals,); the interval ends at the next one."""
         return np.concatenate([np.arange(at.start, at.stop - 1) for at in self.arc_nodes])
 
     @cached_property

@@ -60,7 +60,7 @@ class Solution:
     ----------
     equations : the equations of the gait.
     w, p : ndarray - unknowns and parameters, in SI.
-    status, words : how the search ended, and that in words.
+    status, words : how the search ended, and the message about it.
     iterations : number of iterations of the search.
     chord : the solution whose Jacobian is used instead of the one at ``w``.
     """

@@ -161,7 +161,7 @@ class NonlinearProgram(Plotted, Program, ABC):
 
         Returns
         -------
-        gait : to be verified by ``gaitopt.verify``. Its status is ``not_converged`` if the point does not solve the
+        gait : the gait, not yet verified. Its status is ``not_converged`` if the point does not solve the
             program, ``infeasible`` if its motion violates a margin or is impossible otherwise; its message says which
             condition does not hold, and when.
 

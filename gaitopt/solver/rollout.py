@@ -44,13 +44,13 @@ ROUNDING_OF_MARGINS = 1e-12
 """A margin below this, in natural units, is zero up to rounding and cannot yet fall through zero."""
 STABLE_STEP = 5.0
 """Largest product of an interval and the fastest mode of the linearised flow. Up to 5.9 the explicit step damps every
-mode that the flow damps. Beyond, it magnifies stiff modes from interval to interval."""
+mode that the flow damps. Above that it magnifies stiff modes from interval to interval."""
 FIRST_ERROR = 1e-5
 """Largest error of one interval of a first mesh in natural units. It is small enough that the search from a guess next
 to a gait starts next to that gait."""
 FINE_ERROR = 1e-9
-"""The same error of a finer mesh, which is tried if the first one may have moved a guess off its gait. The motion
-itself is not known to more digits."""
+"""Largest error of one interval of a finer mesh, which is tried if the first one may have moved a guess off its gait.
+The motion itself is not known to more digits."""
 MOST_MESHES = 6
 """Largest number of meshes for one motion: one for a stable step, and those that the measured errors require."""
 FIRST_STEP = 2.5e-5
@@ -134,7 +134,7 @@ class Rollout:
         return float(sum(self.durations))
 
     def __call__(self, phase: int, times: Array) -> Array:
-        """States in one phase at times since impact; after a fall the last state. Shape (n_z, n)."""
+        """States in one phase at times since impact, shape (n_z, n); after a fall the last state."""
         motion = self.motions[phase]
         return motion(np.minimum(times, motion.end))
 

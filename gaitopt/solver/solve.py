@@ -24,7 +24,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import kind
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
-from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
+from gaitopt.requests import DEFAULT_LIMITS, MOST_INTERVALS, Method, SearchLimits
 from gaitopt.solver.assembly import search_record
 from gaitopt.solver.diagnosis import AIRBORNE, RESIDUAL_TOLERANCE, SAMPLES, largest_residual, missing_event, violations
 from gaitopt.solver.newton import Solution, solve_nearby
@@ -41,9 +41,6 @@ from gaitopt.solver.rollout import (
 
 MAX_REORDERS = 6
 """Largest number of new meshes in one search. Each change of the order of switches and breakpoints needs one."""
-MOST_IPOPT_INTERVALS = 2000
-"""IPOPT does not search on a larger mesh; with this one an iteration takes half a second. Newton's method may use
-more."""
 LARGEST_RETURN_ERROR = 1e-6
 """A guess whose state changes by no more than this over a cycle, in natural units, is as good as a gait."""
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
@@ -225,15 +222,15 @@ def _too_stiff(start: Solution) -> Cause | None:
     known = np.isfinite(modes)  # the motion has broken down where they are not
     counts = np.maximum(modes[known] * lengths[known] / STABLE_STEP, 1.0)
     needed = max(float(mesh.intervals), float(counts.sum()))
-    if not needed > MOST_IPOPT_INTERVALS:
+    if not needed > MOST_INTERVALS:
         return None
     fastest = modes[known].max(initial=0.0)
     text = (
         f"the motion is too stiff for a search: its fastest mode, {fastest:.4g} 1/s, needs about {needed:.0f} "
-        f"intervals, and {MOST_IPOPT_INTERVALS} are searched at most; check the units of the gains, or guess the state "
+        f"intervals, and {MOST_INTERVALS} are searched at most; check the units of the gains, or guess the state "
         "of the gait to five digits"
     )
-    return Cause(what="integration", words=text, needed=float(MOST_IPOPT_INTERVALS), available=needed)
+    return Cause(what="integration", words=text, needed=float(MOST_INTERVALS), available=needed)
 
 
 def _missing_event(guess: Rollout, phase: int) -> Cause:

@@ -1,6 +1,6 @@
 """Text of the files of a run folder: JSON, CSV and typed records, and the checksums that notice a change.
 
-Floats are written with so many digits that reading gives back every bit. A checksum consists of the SHA-256 of a file
+Floats are written with enough digits that reading gives back every bit. A checksum consists of the SHA-256 of a file
 and of a short code of every line, the last 16 bits of CRC-32(line), which locates a change.
 """
 

@@ -155,7 +155,7 @@ DOUBLE = {
     "margin_fold": ("margin", lambda e: [1.0 + e, 0.4, 0.3]),
     "margin_neimark_sacker": ("margin", lambda e: [rotation(1.2, 1 + e), 0.3]),
 }
-"""Where two conditions meet: the kind of curve, and the linear part on both sides of it."""
+"""Points where two conditions meet: the kind of curve, and the linear part on both sides of the point."""
 
 
 @pytest.mark.parametrize("name", DOUBLE)

@@ -76,7 +76,7 @@ def doubles(multipliers: np.ndarray) -> float:
 
 
 def family(name: str, parameter: str, start: float | None, to: float, **overrides: float) -> Family:
-    """From ``start`` to ``to``; None starts where the named problem is."""
+    """The family from ``start`` to ``to``; None starts at the value of the named problem."""
     values = overrides if start is None else {**overrides, parameter: start}
     return Family(name, parameter, to, tuple(values.items()))
 

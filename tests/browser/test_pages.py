@@ -13,7 +13,7 @@ from gaitopt.show.pages import animation_page, atlas_report, branch_report, comp
 
 FORCE = ".walker .force"
 UNROLLED = "return { ...film, phases, columns };"
-"""Where a script has read a film: whatever is drawn reads what is returned here."""
+"""Statement that returns a film after a script has read it; everything drawn reads this value."""
 WATCHED = """
   const watched = (kind, record) => new Proxy(record, {
     get(known, key) {

@@ -106,7 +106,7 @@ class Bare(CompassBiped):
 
     @classmethod
     def mechanism(cls, q, p):
-        """That of the compass."""
+        """The mechanism of the compass."""
         return super().mechanism(q, p)
 
 
@@ -117,7 +117,7 @@ class Spinning(Bare):
 
     @classmethod
     def mechanism(cls, q, p):
-        """That of the compass, and the wheel."""
+        """The mechanism of the compass, and the wheel."""
         bare = super().mechanism(q, p)
         hip = vertcat(q.x, q.y) + polar(p.leg_length, q.theta1)
         wheel = Body(mass=0.1, position=hip, inertia=0.001, angle=q.theta1 - q.theta2)

@@ -42,7 +42,7 @@ class ClosedCompass(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """That of the compass."""
+        """The mechanism of the compass."""
         return CompassBiped.mechanism(q, p)
 
 

@@ -63,7 +63,7 @@ def torso(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
 
 
 def driven_torso(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-    """That of the torso, with another motor."""
+    """The mechanism of the torso, with another motor."""
     return replace(torso(q, p), motors=(q.torso - q.theta1, q.torso + q.theta2))
 
 

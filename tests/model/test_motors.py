@@ -23,7 +23,7 @@ class SprungRabbit(Rabbit):
 
     @classmethod
     def mechanism(cls, q: Any, p: Any) -> Any:
-        """That of the links with two more motors."""
+        """The mechanism of the links with two more motors."""
         plain = super().mechanism(q, p)
         return replace(plain, motors=(*plain.motors, q.swing_thigh - q.stance_thigh, q.stance_shin))
 
@@ -77,7 +77,7 @@ class MotorizedCrawler(Crawler):
 
     @classmethod
     def mechanism(cls, q: Any, p: Any) -> Any:
-        """That of the crawler with five motors."""
+        """The mechanism of the crawler with five motors."""
         cylinder = sqrt(p.rest**2 + q.gap**2 - 2 * p.rest * q.gap * cos(q.bend))
         strut = p.rest * sqrt(2 - 2 * cos(q.bend))
         motors = (q.gap - 0.5, q.bend - 1.57, cylinder, strut, atan2(SX(q.gap), q.rise))

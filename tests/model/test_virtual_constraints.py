@@ -322,7 +322,7 @@ def test_a_law_that_follows_a_gait_over_the_phase_is_refused_by_proofs():
 
 
 def test_the_error_of_the_fit_is_that_of_the_closest_polynomial():
-    """Of degree 4, against a fit of Chebyshev series to the curve of degree 6; the span does not matter."""
+    """The fit has degree 4; a Chebyshev series is fitted to the curve of degree 6. The span does not matter."""
     times = np.linspace(0, named(NAME).period, 101)
     (arc,) = named(NAME).arcs
     series = np.polynomial.Chebyshev.fit(arc.times, arc.states[:, 0], arc.times.size - 1)

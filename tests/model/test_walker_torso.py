@@ -79,7 +79,7 @@ def test_walker_that_is_neither_registered_nor_given_is_refused_with_its_place()
 
 
 def test_registered_walker_goes_through_the_command_line(tmp_path: Path) -> None:
-    """As a user would have it: a package of one's own that declares the entry point."""
+    """A package of a user declares the entry point."""
     package = tmp_path / "torso_compass-1.0.dist-info"
     package.mkdir()
     (package / "METADATA").write_text("Metadata-Version: 2.1\nName: torso-compass\nVersion: 1.0\n")

@@ -169,7 +169,7 @@ def test_a_section_remembers_the_symbols_of_its_equations() -> None:
 
 
 def test_a_section_has_the_coordinates_that_its_contacts_leave_free() -> None:
-    """Of spring-mass walking at touchdown: the place of the back foot and the velocity; heel and toe: see above."""
+    """Spring-mass walking at touchdown is free in the position of the back foot and in the velocity."""
     both = contacts(SlipWalker, front="stick", back="stick")
     section = section_of(SlipWalker, contacts(SlipWalker, front="stick"), both, "touchdown")
     assert section.names == ("back_x", "dy")  # dx follows from the energy

@@ -16,7 +16,7 @@ PASSIVE = tuple(
     name for name in problem_names() if "passive" in name or name in ("rimless-wheel-slip", "rimless-wheel-stick")
 )
 SECONDS = 20.0
-"""After which a solve is interrupted."""
+"""Time after which a solve is interrupted."""
 KEPT = [
     ("rimless-wheel-stick", {"gait.guess.state.dtheta": 99}),
     ("rimless-wheel-stick", {"gait.guess.durations": [1e-30]}),

@@ -155,7 +155,7 @@ def test_a_wrong_mode_sequence_is_refused():
 
 
 MEASURED = 1e-9
-"""To which the doubles of a gait are promised, in SI."""
+"""Accuracy that is promised for the doubles of a gait, in SI."""
 
 
 @pytest.mark.parametrize(

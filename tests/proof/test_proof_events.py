@@ -231,12 +231,12 @@ class SineCompass(CompassBiped):
 
     @classmethod
     def mechanism(cls, q, p):
-        """That of the compass, with another guard."""
+        """The mechanism of the compass, with another guard."""
         return replace(super().mechanism(q, p), touchdown=sin(q.theta1 - q.theta2))
 
     @classmethod
     def links(cls, q, p):
-        """Those of the compass."""
+        """The links of the compass."""
         return super().links(q, p)
 
 

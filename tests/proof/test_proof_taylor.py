@@ -30,7 +30,7 @@ from gaitopt.proof.taylor import PhaseSpace, VectorField, expand, taylor_coeffic
 
 ORDER = 20
 UNITS = [1.0, 1.0, 1.6, 2.5, 2.5, 4.0, 0.4]
-"""Of the compass and of the time, about."""
+"""Typical sizes of the coordinates of the compass and of the time."""
 
 
 class Plane:

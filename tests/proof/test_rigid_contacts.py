@@ -62,7 +62,7 @@ class Sledge(Crawler):
 
     @classmethod
     def mechanism(cls, q, p):
-        """That of the crawler; the motor, the spring and the damper act at the height of the ground."""
+        """The mechanism of the crawler; the motor, the spring and the damper act at the height of the ground."""
         base, ahead = vertcat(q.x, q.y), vertcat(cos(q.tilt), -sin(q.tilt))
         block, front = vertcat(-ahead[1], ahead[0]) * 0.03, base + vertcat(q.gap, q.rise)
         return Mechanism(

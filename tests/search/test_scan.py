@@ -56,7 +56,7 @@ def runner_sweep(folder, attacks, stiffnesses):
 
 @pytest.mark.slow
 def test_no_place_is_reported_empty_at_which_solve_finds_a_gait(tmp_path):
-    """Of a runner over its angle of attack and its stiffness, whose gaits fill a narrow band."""
+    """The gaits of the runner fill a narrow band over its angle of attack and its stiffness."""
     plan = runner_sweep(tmp_path, 21, 9)
     swept = plan.complete(Workers(count=1))
     missed = list[dict[str, float]]()
@@ -85,7 +85,7 @@ def test_a_sweep_counts_the_gaits_of_a_place(tmp_path):
 
 
 def test_a_closer_look_rules_out_what_nearly_has_a_gait_and_separates_two_gaits():
-    """On either side of the fold of the runner's gaits, whose defect is small along a large part of the section."""
+    """On either side of the fold of the runner's gaits the defect is small along a large part of the section."""
     place = go.load_problem("slip-run").replace({"walker.stiffness": 19.43})
     assert possible_gaits(place.replace({"walker.attack": "67.3deg"})) == (False, [])
     possible, starts = possible_gaits(place.replace({"walker.attack": "67.375deg"}))

@@ -474,7 +474,7 @@ def test_a_frame_whose_friction_is_exactly_that_of_the_slope_rests(slope: float)
 
 @pytest.mark.parametrize("above", [0.0, 1e-14, -1e-14, 1e-10])
 def test_a_contact_that_starts_on_the_ground_and_comes_down_strikes_it(above: float) -> None:
-    """As a block that is dropped: rate and velocity after the impact follow from those of one a little higher."""
+    """Rate and velocity after the impact follow from those of a block that is dropped a little higher."""
     case = frame(**BLOCK)
     falls = np.array([0.1, 0.0, 0.0, 0.0, -1.0, 0.3])
     falls[1] = above - case.points["right"].position(np.array([0.1, 0.0, 0.0]))[1]

@@ -98,7 +98,7 @@ def cones(rng: np.random.Generator) -> Iterator[Case]:
 
 
 def normal_forces(rng: np.random.Generator) -> Iterator[Case]:
-    """So fast that the ground bears no load, to the last bit but one."""
+    """Cases so fast that the ground bears no load, to the last bit but one."""
     theta, friction, slip = rng.uniform(-0.3, 0.3), rng.uniform(0.1, 2), rng.choice([0.0, 0.2, -0.2])
     mode = Mode.slip(slip) if slip else Mode.STICK
     for system, p, state in (

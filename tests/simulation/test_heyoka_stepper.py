@@ -69,7 +69,7 @@ def test_engines_agree_on_every_named_gait(gait):
     [pytest.param(name, marks=() if name == "compass-torque-efficient" else pytest.mark.slow) for name in DESIGNS],
 )
 def test_engines_agree_on_every_named_design_at_its_guess(name):
-    """With the numbers that its file guesses for what is free: a step need not be a gait to be walked, or varied."""
+    """The free numbers have the guesses of the file: a step need not be a gait to be simulated, or varied."""
     problem = load_problem(name)
     system = build_system(problem)
     p = system.values(problem.parameters)
@@ -129,7 +129,7 @@ def test_gait_that_is_spoilt_is_refuted_on_heyoka():
 
 
 def test_slip_that_begins_and_ends_within_one_series_is_found():
-    """Of a series that begins with an exact zero heyoka itself overlooks the next root."""
+    """If a series begins with an exact zero, heyoka itself overlooks its next root."""
     problem = load_problem("compass-passive-a")
     system = build_system(problem)
     p = system.values(problem.parameters)

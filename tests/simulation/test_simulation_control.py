@@ -108,7 +108,7 @@ def test_a_jump_of_the_torque_out_of_the_cone_starts_a_slip_at_the_breakpoint() 
 
 
 def test_a_slip_that_a_jump_of_the_torque_starts_is_decided_there_and_no_switch_by_itself() -> None:
-    """Of the two changes of mode only the end of the slip is an event."""
+    """The mode changes twice, but only the end of the slip is an event."""
     simulator = staircase((0.3, 0.32), (0, 0), (30, 0), (0, 0), friction=0.18)
     limited = Simulator(simulator.dynamics, max_switches=1)
     step = limited.run(START).steps[0]

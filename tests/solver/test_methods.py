@@ -15,7 +15,7 @@ from gaitopt.search.candidates import cycle_record
 from gaitopt.search.find import SearchPlan, gaits_of
 
 SAME = 1e-9
-"""In natural units, and of freed parameters."""
+"""Largest difference of states in natural units, and relative one of freed parameters."""
 FLAT = {"compass-pd-slippery": 1e-7}
 """A design whose optimum is so flat that the optimality conditions, met to 1e-7, fix its parameters no better."""
 QUICK = (

@@ -111,7 +111,7 @@ def test_the_nearest_state_does_not_return_and_one_a_little_nearer_does():
     sampled(product(["compass-passive-a", "compass-passive-stick", "compass-unequal"], QUANTITIES), every=4),
 )
 def test_the_sensitivity_norm_is_that_of_differences_of_walks(name, quantity):
-    """Of a tile under each step of the cycle; sums of 60 steps, after which nothing is left."""
+    """One tile under each step of the cycle differs; the sums are over 60 steps, after which no deviation is left."""
     gait, h = named(name), {"friction": 1e-6, "height": 2e-8, "slope": 1e-6}[quantity]
     n, squares = len(gait.steps), list[np.ndarray]()
     known = [k for k, key in enumerate(OUTPUTS) if key != "cone_distance"]
@@ -147,7 +147,7 @@ def test_the_norm_from_differences_of_walks_has_the_exact_derivatives(name, quan
 
 @pytest.mark.slow
 def test_a_walker_with_heels_and_toes_has_a_sensitivity_norm():
-    """Of height, from a plain simulation of a walk over one tile that is a little higher."""
+    """The norm of height is that of a plain simulation of a walk over one tile that is a little higher."""
     gait, h = named("heel-toe"), 1e-6
     periods = [
         [step.period for step in simulate(gait, steps=40, floor=Floor(height=[0, rise, 0])).trajectory.steps]

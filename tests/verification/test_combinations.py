@@ -243,7 +243,7 @@ def test_a_massless_foot_with_a_stop_and_a_switch_moves_alike_in_other_units() -
 
 
 def test_with_the_push_the_family_ends_where_the_contact_slips() -> None:
-    """As on one foot: the push along the leg needs friction tan(theta1)."""
+    """The push along the leg needs friction tan(theta1), as on one foot."""
     downhill = CASES["push-off"].gait.problem.replace({"walker.slope": "0.3 deg", "friction": 1})
     gait = go.solve(downhill)
     needed = np.tan(gait.arcs[-1].states[-1][0])

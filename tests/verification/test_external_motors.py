@@ -85,7 +85,7 @@ def test_a_wind_on_level_ground_is_a_slope() -> None:
 
 
 def test_the_momentum_along_the_ground_changes_by_friction_and_wind() -> None:
-    """Of the positions of the masses alone, by differences: m d2X/dt2 = f_t + F."""
+    """Differences of the positions of the masses alone show it: m d2X/dt2 = f_t + F."""
     gait = go.solve(windy(), progress=False)
     problem, force = gait.problem, gait.problem.parameters["control.wind"]
     eom = go.equations_of_motion(WindyCompass)

@@ -190,7 +190,7 @@ def test_frictionless_slipping_impact_gives_the_multiplier_that_is_printed(
 
 
 def test_gait_b_takes_half_the_angle_of_gait_a() -> None:
-    """As the paper says of the frictionless law, by which its multiplier was printed."""
+    """The paper states it for the frictionless law, with which its printed multiplier agrees."""
     gait = go.solve(with_values("compass-passive-b", {"impact_law": "frictionless"}))
     assert gait.state[0] / named("compass-passive-a").state[0] == pytest.approx(0.5, abs=0.05)
 
@@ -244,7 +244,7 @@ def test_wheel_follows_its_closed_forms(spokes: int, kappa: float, slope: float)
     rate = beta * sqrt(4 * sin(half) * sin(alpha) / (1 - beta**2)) / sqrt(1 + kappa)
 
     def forces(theta: float) -> tuple[float, float]:
-        """Along and normal to the slope, by Newton's law for the hub; its speed follows from conservation of energy."""
+        """The forces along and normal to the slope by Newton's law for the hub, with its speed from the energy."""
         speed = rate**2 + 2 * (cos(alpha - half) - cos(theta + alpha)) / (1 + kappa)
         turn = sin(theta + alpha) / (1 + kappa)
         along = turn * cos(theta) - speed * sin(theta) - sin(alpha)

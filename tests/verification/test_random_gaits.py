@@ -37,7 +37,7 @@ LONG = (
     "compass-torque-stable-slip",
 )
 RARE = {"compass-virtual-constraint-slip": 5, "inchworm": 3, "bounding-overlap": 3, "rabbit-hzd-slip": 2}
-"""Most variants of these have another mode sequence."""
+"""Numbers of variants of gaits of which most have another mode sequence."""
 COUNTS = dict.fromkeys(go.problem_names(), 20) | dict.fromkeys(LONG, 10) | DESIGNS | RARE
 """Gaits of each named problem that are judged."""
 PROBLEMS = tuple(COUNTS)
@@ -91,7 +91,7 @@ def gaits(problems: Iterator[go.Problem]) -> Iterator[Gait]:
 
 
 def differenced_multipliers(gait: Gait) -> NDArray[np.complex128] | None:
-    """By five-point differences of the simulated cycle, of the sizes at which two neighbours agree best."""
+    """Multipliers from five-point differences of the simulated cycle, at the step sizes whose results agree best."""
     simulator, impact = Simulator(gait.dynamics), gait.problem.cycle.impact
     section = gait.system.section(impact).indices
     unit, xi = gait.dynamics.state_units[section], gait.state[section]

@@ -49,7 +49,7 @@ class ApexRunner(SlipRunner):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """That of the runner; the foot on the ground, or the last one that was, is where (x, y) is."""
+        """The mechanism of the runner; (x, y) is the foot on the ground, or the last one that was there."""
         leg = p.leg_length - q.shortening
         rise = {"apex": lambda dq: -dq.shortening * cos(q.theta) - leg * dq.theta * sin(q.theta)}
         return replace(super().mechanism(q, p), sections=rise)
@@ -68,11 +68,11 @@ class HipClock(Control):
 
     @property
     def period(self) -> float:
-        """Of the clock."""
+        """The period of the clock."""
         return self.cycle
 
     def torques(self, now: Instant) -> dict[str, SX]:
-        """Towards the sine."""
+        """The torque that pulls the joint towards the sine."""
         angle = now.robot.mechanism.motors[now.robot.walker.actuators.index("hip")]
         return {"hip": now.p.stiffness * (now.p.size * sin(2 * pi * now.t / self.cycle + now.p.shift) - angle)}
 
@@ -100,7 +100,7 @@ class MidHeelToe(HeelToe):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """That of the walker."""
+        """The mechanism of the walker."""
         return replace(super().mechanism(q, p), sections={"middle": lambda dq: 0.1 - q.theta1})
 
 

@@ -23,9 +23,10 @@ from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.verify import confirm
 
 LARGEST_PRODUCT = 5.9
-"""Up to which the step of order 8 damps all that the flow damps: the half disc of its stability."""
+"""Largest product at which the step of order 8 damps all that the flow damps: the half disc of its stability."""
 FACTOR, SMALLEST_FACTOR = 10**0.25, 1.01
-"""Of g from one simulated gait to the next; it shrinks where the return map has no fixed point next to the last."""
+"""Factor of g from one simulated gait to the next, and its smallest value. It shrinks where the
+return map has no fixed point next to the last."""
 
 
 def stiffer(gait: Gait, g: float) -> dict[str, float]:

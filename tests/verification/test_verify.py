@@ -139,7 +139,7 @@ def test_wrong_state_inside_an_arc_is_seen_by_nothing_else() -> None:
 
 
 def test_energy_that_appears_from_nowhere_is_seen() -> None:
-    """Not where states are merely wrong inside: the balance is between the ends of an arc."""
+    """States that are wrong inside an arc do not matter: the balance is between the ends of an arc."""
     spoilt = with_states(good(), 1, lambda states: states.__setitem__((-1, 3), states[-1, 3] + SLIGHT))
     assert failed(spoilt) == {"energy balance", "states inside"}
 
