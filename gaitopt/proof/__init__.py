@@ -14,7 +14,7 @@ docs/developer/theorem.md states the theorem and names the function that checks 
 - ``prove``: the prover, which searches for boxes
 
 A theorem relies on all modules but ``prove``, on the model's equations (``gaitopt.model``), the reading of problems
-(``gaitopt.problem``), CasADi's derivatives and simplification, and Arb's arithmetic. Nothing in ``prove``, no gait in
+(``gaitopt.problem``), CasADi's derivatives, and the arithmetic of Arb and FLINT. Nothing in ``prove``, no gait in
 doubles, no approximate inverse and no approximate eigenvector has to be right.
 """
 

@@ -297,6 +297,7 @@ class BallFunction:
     ----------
     function : a function with dense inputs.
     constants : values of all inputs but the first. Subexpressions of constants are evaluated once, here.
+    number : the value of a constant in the function.
 
     Raises
     ------
@@ -304,7 +305,13 @@ class BallFunction:
         If an instruction of the function is not analytic; the message names the function.
     """
 
-    def __init__(self, function: Function, constants: Sequence[Sequence[arb]]) -> None:
+    def __init__(
+        self,
+        function: Function,
+        constants: Sequence[Sequence[arb]],
+        number: Callable[[float], Number] | None = None,
+    ) -> None:
+        number = exact_constant if number is None else number
         self._name = function.name()
         self._sizes = [function.numel_out(k) for k in range(function.n_out())]
         self._values: list[Number] = []
@@ -325,7 +332,7 @@ class BallFunction:
             result = len(self._values)
             self._values.append(None)
             if operation == ca.OP_CONST:
-                self._values[-1] = exact_constant(function.instruction_constant(k))
+                self._values[-1] = number(function.instruction_constant(k))
             elif operation == ca.OP_INPUT:
                 source, entry = operands
                 if source == 0:
@@ -377,13 +384,17 @@ class BallFunction:
 
 def exact_constant(value: float) -> arb:
     """The exact value of a constant in an expression: n pi / d if the constant is its double, else the double."""
+    ratio = ratio_to_pi(value)
+    return arb(value) if ratio is None else arb.pi() * fmpq(ratio.numerator, ratio.denominator)
+
+
+def ratio_to_pi(value: float) -> Fraction | None:
+    """n / d if a constant is the double of n pi / d, otherwise None."""
     if value == 0 or value == int(value):
-        return arb(value)
+        return None
     ratio = Fraction(value / pi).limit_denominator(LARGEST_DENOMINATOR)
     near = abs(float(ratio) * pi - value) <= 2**-52 * abs(value)
-    if not near or not 0 < abs(ratio.numerator) <= 2 * LARGEST_DENOMINATOR:
-        return arb(value)
-    return arb.pi() * fmpq(ratio.numerator, ratio.denominator)
+    return ratio if near and 0 < abs(ratio.numerator) <= 2 * LARGEST_DENOMINATOR else None
 
 
 def decimal_bounds(ball: arb) -> list[str]:

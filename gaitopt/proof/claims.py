@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from casadi import SX, depends_on, is_equal, jtimes, simplify, substitute, vertcat, vertsplit
+from casadi import SX, depends_on, is_equal, jtimes, substitute, vertcat, vertsplit
 from flint import arb, arb_poly
 
 from gaitopt.building import built_once
@@ -30,7 +30,7 @@ from gaitopt.model.section import TOUCHDOWN as TOUCHDOWN_END
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import CONE, MARGINS, contact_of, is_held, kind
 from gaitopt.proof.arithmetic import BallFunction, NotProved, Refuted, hull
-from gaitopt.proof.identities import dependent_contacts, is_possible
+from gaitopt.proof.identities import dependent_contacts, is_possible, vanishes_identically
 from gaitopt.proof.law import ExactLaw
 from gaitopt.proof.orbit import CycleEnclosure, Orbit, OrbitArc
 from gaitopt.proof.taylor import TaylorStep, derivative, evaluate
@@ -329,16 +329,14 @@ def _jumps_when_leaving(orbit: Orbit, before: Mode, after: Mode, contact: str) -
 def zeros_after_impact(system: HybridSystem, mode: Mode, name: str) -> int:
     """How many of a margin and its rate are identically zero just after an impact of the foot that ends a step.
 
-    CasADi simplifies the expression to zero. It is simplified in the parameters and in their inverses, as CasADi
-    cancels only some quotients. A function of the coordinates has no rate.
+    A function of the coordinates has no rate.
     """
     xi, p, z = SX.sym("xi", system.lift.size1_in(0)), SX.sym("p", len(system.parameters)), SX.sym("z", system.n_z)
     index = system.transitions.margin_names(mode).index(name)
     value, n = system.margins(mode)(0, z, p, SX.zeros(system.n_r))[index], system.n_z // 2
 
     def vanishes(expression: SX) -> bool:
-        return any(simplify(substitute(expression, vertcat(z, p), vertcat(system.lift(xi, q), q))).is_zero()
-                   for q in (p, 1 / p))  # fmt: skip
+        return vanishes_identically(substitute(expression, z, system.lift(xi, p)), vertcat(xi, p))
 
     if not vanishes(value):
         return 0
@@ -363,7 +361,7 @@ def _vanishes_on_ground(system: HybridSystem, mode: Mode) -> bool:
     margins = system.margins(mode)(0, z, p, SX.zeros(system.n_r))
     if "y" not in system.state_names:
         return False
-    return bool(simplify(substitute(margins[index], z[system.state_names.index("y")], 0)).is_zero())
+    return vanishes_identically(substitute(margins[index], z[system.state_names.index("y")], 0), vertcat(z, p))
 
 
 def _margin(name: str, parts: Sequence[SignPart], pattern: str, at_end: arb) -> tuple[str, arb | None]:

@@ -1,8 +1,8 @@
 """Exact identities: expressions that vanish for all values of their symbols, and constraints that depend on others.
 
-An expression becomes a polynomial with rational coefficients in its symbols and in the cosine and sine of every angle
-in it; c^2 + s^2 = 1 is the only relation that is used. If the polynomial is zero modulo these relations, the expression
-vanishes identically.
+An expression becomes a polynomial with rational coefficients in its symbols, in pi, in the cosine and sine of every
+angle in it and in the inverse of every divisor. Of all these, only c^2 + s^2 = 1 is used. If the polynomial is zero
+modulo these relations, the expression vanishes wherever it is defined.
 
 **Contacts of one rigid part.** If the distance of the contacts i and j does not depend on the posture, then
 
@@ -15,13 +15,14 @@ first one, and only the sum of their tangential forces is determined: N = e_j - 
 """
 
 from collections.abc import Sequence
+from fractions import Fraction
 from itertools import combinations, product
 from math import prod
 from typing import Any
 
 import numpy as np
 from casadi import SX, Function, densify, det, jacobian, ldl, ldl_solve, reshape, vertcat, vertsplit
-from flint import Ordering, arb, fmpq, fmpq_mpoly_ctx
+from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
 from gaitopt.building import built_once
 from gaitopt.model.contacts import (
@@ -37,27 +38,30 @@ from gaitopt.model.modes import CONTACTS, OFF, Mode
 from gaitopt.model.section import Section
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import Walker
-from gaitopt.proof.arithmetic import BallFunction, NotProved
+from gaitopt.proof.arithmetic import BallFunction, NotProved, ratio_to_pi
+
+SMALL = 1e-9
+"""An expression whose value at a sampled point is larger does not vanish."""
 
 
 class _Ring:
-    """Polynomials in the symbols of an expression, and in the cosines and sines that occur in it."""
+    """Polynomials in the symbols of an expression, and in the functions that occur in it."""
 
-    def __init__(self, n_symbols: int, n_angles: int) -> None:
-        names = [f"x{k}" for k in range(n_symbols)]
-        names += [f"{of}{k}" for k in range(n_angles) for of in ("s", "c")]  # s^2 leads s^2 + c^2 - 1
+    def __init__(self, n_symbols: int, n_functions: int) -> None:
+        names = ["pi", *(f"x{k}" for k in range(n_symbols)), *(f"f{k}" for k in range(2 * n_functions))]
         self._context = fmpq_mpoly_ctx.get(names, Ordering.lex)
-        generators = self._context.gens()
+        self._pi, *generators = self._context.gens()
         self.symbols = [Polynomial(self, value) for value in generators[:n_symbols]]
-        self._free, self._known = list(generators[n_symbols:]), list[tuple[Any, Any, Any]]()
+        self._free, self._angles, self._divisors = generators[n_symbols:], list[Any](), list[Any]()
 
-    def constant(self, value: Any) -> Any:
-        """A number as a polynomial; raises ``NotProved`` if it is not rational."""
-        if isinstance(value, arb):
-            if not value.is_exact():
-                raise NotProved("an identity contains a number that is not rational")
-            mantissa, exponent = value.man_exp()
-            value = fmpq(mantissa) * fmpq(2) ** int(exponent)
+    def number(self, value: float) -> "Polynomial":
+        """A constant of an expression; see ``arithmetic.exact_constant``."""
+        ratio = ratio_to_pi(value)
+        exact = fmpq(*((Fraction(value) if ratio is None else ratio).as_integer_ratio()))
+        return Polynomial(self, self._context.constant(exact) * (1 if ratio is None else self._pi))
+
+    def constant(self, value: int) -> Any:
+        """A whole number as an element of the ring."""
         return self._context.constant(value)
 
     def sine_and_cosine(self, angle: Any) -> tuple["Polynomial", "Polynomial"]:
@@ -65,21 +69,34 @@ class _Ring:
         if angle == 0:
             return Polynomial(self, self.constant(0)), Polynomial(self, self.constant(1))
         sign = 1 if angle.leading_coefficient() > 0 else -1
-        found = next((pair for other, *pair in self._known if other == sign * angle), None)
+        found = next((pair for other, *pair in self._angles if other == sign * angle), None)
         if found is None:
-            found = [self._free.pop(0), self._free.pop(0)]
-            self._known.append((sign * angle, *found))
+            found = [self._free.pop(0), self._free.pop(0)]  # s^2 leads s^2 + c^2 - 1
+            self._angles.append((sign * angle, *found))
         return Polynomial(self, sign * found[0]), Polynomial(self, found[1])
+
+    def inverse(self, divisor: Any) -> "Polynomial":
+        """1 / a polynomial."""
+        if divisor == 0:
+            raise NotProved("an identity contains a division by zero")
+        size = divisor.leading_coefficient()
+        if divisor.is_constant():
+            return Polynomial(self, self.constant(1) / size)
+        found = next((value for other, value in self._divisors if other == divisor / size), None)
+        if found is None:
+            found = self._free.pop(0)
+            self._divisors.append((divisor / size, found))
+        return Polynomial(self, found / size)
 
     def reduced(self, value: Any) -> Any:
         """A polynomial modulo all relations."""
-        for _, sine, cosine in self._known:
+        for _, sine, cosine in self._angles:
             value = divmod(value, sine**2 + cosine**2 - 1)[1]
         return value
 
 
 class Polynomial:
-    """An element of a ``_Ring`` with the operations of ``BallFunction``; only constants can be divisors."""
+    """An element of a ``_Ring`` with the operations of ``BallFunction``."""
 
     def __init__(self, ring: _Ring, value: Any) -> None:
         self.ring, self.value = ring, value
@@ -93,30 +110,17 @@ class Polynomial:
     def __add__(self, other: Any) -> "Polynomial":
         return Polynomial(self.ring, self.value + self._with(other))
 
-    __radd__ = __add__
-
     def __sub__(self, other: Any) -> "Polynomial":
         return Polynomial(self.ring, self.value - self._with(other))
-
-    def __rsub__(self, other: Any) -> "Polynomial":
-        return Polynomial(self.ring, self._with(other) - self.value)
 
     def __mul__(self, other: Any) -> "Polynomial":
         return Polynomial(self.ring, self.ring.reduced(self.value * self._with(other)))
 
-    __rmul__ = __mul__
-
-    def __pow__(self, n: int) -> "Polynomial":
-        return Polynomial(self.ring, self.ring.reduced(self.value**n))
-
     def __truediv__(self, other: Any) -> "Polynomial":
-        divisor = self._with(other)
-        if not divisor.is_constant() or divisor == 0:
-            raise NotProved("an identity contains a quotient")
-        return Polynomial(self.ring, self.value / divisor.leading_coefficient())
+        return self * self.ring.inverse(self._with(other))
 
-    def __rtruediv__(self, other: Any) -> "Polynomial":
-        return Polynomial(self.ring, self._with(other)) / self
+    def __rtruediv__(self, other: int) -> "Polynomial":
+        return self.ring.inverse(self.value) * other
 
     def sin(self) -> "Polynomial":
         """Sine."""
@@ -130,12 +134,15 @@ class Polynomial:
 def vanishes_identically(expression: SX, symbols: SX) -> bool:
     """Whether all entries of an expression are zero for all values of the symbols; False if this is not shown."""
     function = Function("identity", [symbols], [densify(expression)])
+    sample = np.asarray(function(np.random.default_rng(0).uniform(0.1, 0.9, symbols.numel())))
+    if not np.abs(sample).max(initial=0.0) < SMALL:  # of such an expression the polynomial might be long
+        return False
     ring = _Ring(symbols.numel(), function.n_instructions())
     try:
-        (values,) = BallFunction(function, [])(ring.symbols)
-    except (NotProved, ValueError, TypeError):  # a quotient, a comparison, or a function of another kind
+        (values,) = BallFunction(function, [], ring.number)(ring.symbols)
+    except (NotProved, ValueError, TypeError):  # a comparison, or a function of another kind
         return False
-    return all(value == 0 if isinstance(value, arb) else value.value == 0 for value in values)
+    return all(value.value == 0 for value in values if isinstance(value, Polynomial))
 
 
 @built_once(maxsize=64)

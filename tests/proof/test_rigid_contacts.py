@@ -39,10 +39,15 @@ X = SX.sym("x", 2)
         (0.1 * 3 * X[0] - 0.3 * X[0], False),  # doubles are exact
         (cos(X[0]) - sin(X[0]), False),
         (sin(X[0]) ** 2 + cos(X[1]) ** 2 - 1, False),
+        (pi * X[0] * sin(X[1]) - pi * sin(X[1]) * X[0], True),
+        (pi / 2 - 1.5707963267948966 * cos(X[0] - X[0]), True),  # this double means half of pi
+        (1.5707963267948968 - pi / 2 + 0 * X[0], False),
+        (pi / X[0] * X[1] - X[1] / X[0] * pi, True),
+        (1 / (X[0] + X[1]) - 3 / (3 * X[1] + 3 * X[0]), True),
+        (1 / (X[0] + X[1]) - 1 / (X[0] + X[1] + 1e-20), False),
         # these vanish, which is not shown
         (cos(2 * X[0]) - 1 + 2 * sin(X[0]) ** 2, False),
-        (pi * X[0] * sin(X[1]) - pi * sin(X[1]) * X[0], False),
-        (1 / (X[0] + X[1]) - 1 / (X[1] + X[0]), False),
+        (X[0] * X[1] / (X[0] + X[1]) + X[1] * X[1] / (X[0] + X[1]) - X[1], False),
         (fmax(X[0], X[1]) - fmax(X[1], X[0]) + X[0] * sqrt(X[1]) - sqrt(X[1]) * X[0], False),
     ],
 )
