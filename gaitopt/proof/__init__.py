@@ -8,6 +8,7 @@ docs/developer/theorem.md states the theorem and names the function that checks 
 - ``orbit``: the equations of a periodic orbit, Krawczyk's test, the return map and its eigenvalues
 - ``claims``: the claims that make an orbit a gait with its mode sequence; bounds of its measures
 - ``certificate``: the file format
+- ``identities``: exact zeros, and constraints that depend on others
 - ``statement``: the hypotheses of a theorem, derived from the texts of a certificate; its boxes
 - ``law_data``: the claim that data of a control law fit a proved gait
 - ``check``: the checker, and what the boxes of a certificate prove together
