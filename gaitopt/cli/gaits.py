@@ -285,7 +285,7 @@ def robustness(
             workers=workers, scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,
         )  # fmt: skip
     record = {**found.to_record(), "run": str(found.folder)}
-    terminal.show(record, print_robustness, "run")
+    terminal.show(record, lambda console, _: print_robustness(console, found), "run")
     return 0
 
 

@@ -147,6 +147,8 @@ def solve_verified(
             ipopt_iterations=limits.ipopt_iterations, intervals=limits.intervals, output=folder or False,
             progress=progress, should_stop=interrupted,
         )  # fmt: skip
+        if folder is not None and not gait.converged and gait.best is not None and interrupted():
+            terminal.say(_where_it_ended(folder))
     if not gait.converged:
         return gait
     return gait if gait.verification is not None else gait.verified(verbs.verify(gait).to_record())
@@ -162,8 +164,7 @@ def report(gait: "Gait", folder: Path | None, terminal: Terminal, more: "Mapping
             return
         console.print(f"{gait.problem.name}: {gait.status}: {gait.message}")
         if folder is not None:
-            words = f"the point where it ended is in {folder}; `--start {folder}` goes on from it"
-            console.print(words, soft_wrap=True)
+            console.print(_where_it_ended(folder), soft_wrap=True)
         arguments = terminal.typed.get(gait.problem.name, [gait.problem.name])
         console.print(f"`gaitopt explain {shlex.join(arguments)}` says more", soft_wrap=True)
 
@@ -173,6 +174,10 @@ def report(gait: "Gait", folder: Path | None, terminal: Terminal, more: "Mapping
     if not gait.converged:
         return NOT_A_GAIT
     return 0 if gait.verification is None or gait.verification["passed"] else NOT_VERIFIED
+
+
+def _where_it_ended(folder: Path) -> str:
+    return f"the point where it ended is in {folder}; `--start {folder}` goes on from it"
 
 
 @contextmanager

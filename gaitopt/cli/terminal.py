@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 from pathlib import Path
 from types import FrameType
@@ -142,7 +142,10 @@ class Terminal:
         """Show the iterations of a solver; yields a callback and a function that returns whether to stop."""
         from gaitopt.api.progress import solver_progress
 
-        with interruptible() as interrupted, solver_progress(self.narration, f"solving {name}") as progress:
+        with (
+            interruptible(at_once=False) as interrupted,
+            solver_progress(self.narration, f"solving {name}") as progress,
+        ):
             yield progress, interrupted
 
 
@@ -193,8 +196,10 @@ def listening() -> Iterator[SignalRecord]:
 
 
 @contextmanager
-def interruptible() -> Iterator[Callable[[], bool]]:
+def interruptible(*, at_once: bool = True) -> Iterator[Callable[[], bool]]:
     """Yield a function that returns whether Ctrl-C was pressed; if so, the block ends with a KeyboardInterrupt.
+
+    Unless it ends ``at_once``, the first Ctrl-C lets the block go on to where it stops by itself and keeps what it has.
 
     The flag is needed because CasADi may swallow the KeyboardInterrupt and return normally, or turn it into another
     error. Python delivers signals to the main thread only; in other threads the function always returns False.
@@ -205,10 +210,13 @@ def interruptible() -> Iterator[Callable[[], bool]]:
         return
 
     def remember(signum: int, frame: FrameType | None) -> None:
+        again = pressed.is_set()
         pressed.set()
-        if callable(before):
-            before(signum, frame)
-        raise KeyboardInterrupt
+        with suppress(KeyboardInterrupt):  # the command notes the signal
+            if callable(before):
+                before(signum, frame)
+        if at_once or again:
+            raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGINT, remember)
     try:

@@ -232,6 +232,18 @@ class Spread:
             n += found[-1].size
         return np.concatenate(found)[:count]
 
+    def quantiles(self, shares: Array, lower: float) -> Array:
+        """The numbers below which these shares of the distribution lie."""
+        if not self.normal:
+            return self.first + shares * (self.second - self.first)
+        from scipy.special import ndtr, ndtri  # the command line reads this module, and starts without SciPy
+
+        ends = np.array([-LARGEST_DEVIATION, LARGEST_DEVIATION])
+        if self.second > 0:
+            ends[0] = max(ends[0], (lower - self.first) / self.second)
+        below, up_to = ndtr(ends)
+        return np.asarray(self.first + self.second * ndtri(below + shares * (up_to - below)))
+
     def __str__(self) -> str:
         return f"normal({self.first:g}, {self.second:g})" if self.normal else f"{self.first:g}:{self.second:g}"
 

@@ -791,6 +791,11 @@ class _StatementReader:
             words = "counts the whole objective over a range: give {worst: NAME} or {mean: NAME} alone"
             self._fault(path, f"{' and '.join(map(str, data))}: worst or mean {words}")
             return {}
+        elif isinstance(data, Mapping) and len(data) == 1 and isinstance(next(iter(data.values())), str):
+            name = next(iter(data))  # a scalar has a number as its weight
+            words = f"{shown(name)} is no way in which the values over a range count"
+            self._fault(path, f"{words}: give {{worst: NAME}}, {{mean: NAME}}, or NAME: weight")
+            return {}
         if isinstance(data, str):
             if why := self._objection(model, data):
                 self._fault(path, f"{data} {why}")

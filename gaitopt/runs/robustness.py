@@ -29,7 +29,7 @@ from gaitopt.simulation.ground import check_floor
 from gaitopt.store.formats import json_file, validated
 from gaitopt.store.run import Run
 from gaitopt.threads import cached_property
-from gaitopt.uncertainty.falls import count_falls, mean_steps, metastable_eigenvalue
+from gaitopt.uncertainty.falls import count_falls, mean_steps, metastable
 from gaitopt.uncertainty.interval import stable_interval
 from gaitopt.uncertainty.limits import KINDS, LENGTHS, Limit, nearest_failure, patch_limit, push_limit, pushed_rates
 from gaitopt.uncertainty.norm import sensitivity_norm
@@ -85,7 +85,7 @@ class Robustness(Reported):
             elif name == FALLS or group not in (FALLS, EIGENVALUE):  # earlier versions stored all falls as one figure
                 record[group] = value
         if falls := [value for name, value in self.figures.items() if name.startswith(f"{FALLS}:")]:
-            record[FALLS] = _falls_record(falls) | {EIGENVALUE: self.figures[EIGENVALUE]}
+            record[FALLS] = _falls_record(falls) | _eigenvalue_record(self.figures[EIGENVALUE])
         return record
 
     def to_frame(self) -> "DataFrame":
@@ -135,6 +135,14 @@ def _falls_record(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "floor": parts[0]["floor"],
         "seed": parts[0]["seed"],
     }
+
+
+def _eigenvalue_record(found: Mapping[str, Any] | float | None) -> dict[str, Any]:
+    """The metastable eigenvalue, from its figure; earlier versions stored the number alone."""
+    if not isinstance(found, Mapping):
+        return {EIGENVALUE: found}
+    steps = {name: found[name] for name in ("mean_steps", "interval")}
+    return {EIGENVALUE: found[EIGENVALUE], "metastable": steps, f"{EIGENVALUE}_reason": found["reason"]}
 
 
 def shown_limit(kind: str, value: Mapping[str, Any]) -> float | None:
@@ -243,6 +251,8 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
             seeded: list[Any] = [self.seed] if group in ("nearest", FALLS, EIGENVALUE) else []
             if group in (FALLS, EIGENVALUE):
                 seeded.append(str(self.floor))
+            if group == EIGENVALUE:
+                seeded.append("weighted walks")
             if group == FALLS:
                 seeded += [min(self.walks, int(numbers[0]) + WALKS_AT_ONCE), self.steps]
             identity = [self.problem.digest, state, name, *seeded, engine]
@@ -280,7 +290,7 @@ def figure_job(
     elif group == "sensitivity":
         value = sensitivity_norm(gait)
     elif group == EIGENVALUE:
-        value = metastable_eigenvalue(gait, floor, engine, should_stop=should_stop)
+        value = metastable(gait, floor, engine, should_stop=should_stop)
     else:
         first = int(keys[0])
         completed, endings = count_falls(

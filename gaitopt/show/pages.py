@@ -441,7 +441,7 @@ def robustness_report(result: Robustness) -> str:
         about=result.problem.about,
         start=cycle_start(problem_dynamics(result.problem).system),
         picture=svg(strips(result, ALL)) if result.strips else "",
-        rows=robustness_rows(result.to_record()),
+        rows=robustness_rows(result),
         data={},
         origins=[provenance(result.problem)],
     )

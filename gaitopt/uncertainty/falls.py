@@ -6,50 +6,49 @@ same in every step, and T steps with k falls have the mean T / k, with the inter
 Once its start is forgotten, a walk that has not fallen yet has a distribution of states that no longer changes, the
 metastable one. The share of walks that survive a step is then the largest eigenvalue of the operator of one step in
 which falls are removed, and the mean number of steps is 1 / (1 - eigenvalue). Byl & Tedrake (2009), Int. J. Robotics
-Research 28, 1040-1064, find it on a mesh of states. Here many walks stand for the distribution: one that falls goes on
-as a copy of another one. Burdzy, Holyst & March (2000), Commun. Math. Phys. 214, 679-703. A mesh of the compass's
-three coordinates that resolves its metastable distribution would need far more steps.
+Research 28, 1040-1064, find it on a mesh of states. Interpolation on a mesh spreads the states by about a cell in
+every step, which decides about falls that are rare. Here the cells of a mesh hold weighted walks, so that a cell may
+stand for one walk of 1e20:
+
+    step         each walk takes a step, and lands on a tile of its own
+    fall         1 - eigenvalue = the weight of the walks that fall; they are removed, and the rest is scaled to one
+    resampling   in each cell, equally many walks are drawn from its walks, and share the weight of the cell equally
+
+The result is right for every mesh; a good one only makes it precise. Huber & Kim (1996), Biophysical J. 70, 97-110;
+Zhang, Jasnow & Zuckerman (2010), J. Chem. Phys. 132, 054107. Tiles near the ends of their distribution are drawn more
+often, with smaller weights.
 """
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.gait.gait import Gait
-from gaitopt.problem.floor import RandomFloor
+from gaitopt.problem.floor import BOUNDS, RandomFloor
 from gaitopt.requests import Engine
 from gaitopt.simulation.outcomes import ENDINGS
-from gaitopt.verification.tiled_walks import TiledWalks
+from gaitopt.verification.tiled_walks import TiledSteps, TiledWalks
 
 CONFIDENCE = 0.99
 """Level of the confidence intervals."""
-OTHER_WALKS = 1 << 40
-"""Number of the first walk for the eigenvalue; these floors are independent of those on which falls are counted."""
-PARTICLES, TRANSIENT, COUNTED = 1000, 50, 200
-"""Number of walks for the eigenvalue, of the steps after which their start is forgotten, and of those that count."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Falls:
-    """Statistics of the falls on random floors.
-
-    Attributes
-    ----------
-    mean_steps : mean number of completed steps before a fall; None if no walk fell.
-    interval : confidence interval of 99 %; its upper end is None if no walk fell.
-    eigenvalue : the metastable eigenvalue, from which 1 / (1 - eigenvalue) steps follow; None where it is not known.
-    walks, steps : number of walks, and of all their steps.
-    falls : number of falls by ending.
-    """
-
-    mean_steps: float | None
-    interval: tuple[float, float | None]
-    eigenvalue: float | None
-    walks: int
-    steps: int
-    falls: dict[str, int]
+TRANSIENT, BLOCK, MOST_BLOCKS = 60, 40, 20
+"""Number of steps after which the start of the weighted walks is forgotten, steps of a block whose falls are averaged,
+and largest number of blocks."""
+FEWEST_BLOCKS, EMPTY_BLOCKS, PRECISE = 4, 8, 0.15
+"""Blocks after which the search ends as soon as the logarithm of the mean is known to this precision, and after which it
+ends if no walk has fallen."""
+WALKS, FEWEST_WALKS, MOST_CELLS = 2000, 4, 2000
+"""Number of weighted walks, the least one in a cell, and the largest number of cells."""
+CELL, WIDER, LEVELS = 0.3, 1.1, 8
+"""Size of a cell in standard deviations of the states, the factor by which it grows while there are too many, and the
+number of parts into which the distribution of each quantity of a tile is divided."""
+SMALLEST_VARIANCE, SMALLEST_WEIGHT = 1e-16, 1e-150
+"""A direction with a smaller variance, in natural units, is none; a walk with a smaller weight is left out."""
+MOST_COORDINATES = 4
+"""Largest number of coordinates of a section that a mesh fills."""
 
 
 def count_falls(
@@ -95,25 +94,100 @@ def mean_steps(completed: Array) -> tuple[float | None, tuple[float, float | Non
     return total / falls, (low, 2 * total / float(chdtri(2 * falls, 1 - outside)))
 
 
-def metastable_eigenvalue(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: Stop = None) -> float | None:
-    """The share of walks that survive a step once the start is forgotten.
+def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: Stop = None) -> dict[str, Any]:
+    """The metastable eigenvalue by weighted walks, with the mean number of steps to a fall and its interval of 99 %.
 
-    It is None if no walk falls, if all have fallen, or without batches, which need heyoka and a walker on one foot.
+    All three are None, with a ``reason``, if no walk falls, if all fall at once, for a section with more than four
+    coordinates, and without batches, which need heyoka and a walker on one foot.
     """
-    steps = TRANSIENT + COUNTED
-    rows = [floor.arrays(steps + 1, OTHER_WALKS + walk) for walk in range(PARTICLES)]
-    floors = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    walks = TiledWalks(gait.dynamics, np.tile(gait.state, (PARTICLES, 1)), floors, engine)
-    random, falls = np.random.default_rng([floor.seed, OTHER_WALKS]), 0
-    if not walks.in_batches:
-        return None
-    for n in range(steps):
+    n_xi, dynamics, names = len(gait.system.section(gait.cycle).names), gait.dynamics, tuple(floor.spreads)
+    if n_xi > MOST_COORDINATES:
+        return _unknown(f"the section has {n_xi} coordinates, but a mesh fills at most {MOST_COORDINATES}")
+    if engine is not Engine.HEYOKA or not gait.system.walker.stands_on_one():
+        return _unknown("weighted walks need heyoka, and a walker that stands on one foot")
+    steps, random = TiledSteps(dynamics, drops=False, uneven=not floor.is_even), np.random.default_rng(floor.seed)
+
+    def tiles(s: Array) -> dict[str, Array]:
+        shares = s**3 * (10 + s * (6 * s - 15))  # weight of a tile: derivative of its share by s
+        return {name: floor.spreads[name].quantiles(shares[:, k], BOUNDS[name][0]) for k, name in enumerate(names)}
+
+    z, under = np.tile(gait.state, (WALKS, 1)), random.random((WALKS, len(names)))
+    w, group = _tile_weights(under), FEWEST_WALKS
+    w, falls, n = w / w.sum(), list[float](), 0
+    while not _is_enough(falls, n):
         if should_stop is not None and should_stop():
             raise KeyboardInterrupt
-        tried, outcomes = walks.step()
-        fallen = tried[~outcomes.completed]
-        falls += fallen.size * (n >= TRANSIENT)
-        if not walks.walking.size:
-            return None
-        walks.restart(fallen, random.choice(walks.walking, fallen.size))
-    return 1 - falls / (PARTICLES * COUNTED) if falls else None
+        strata = random.permuted(np.tile(np.arange(group), (len(w) // group, len(names), 1)), axis=2)
+        ahead = (strata.transpose(0, 2, 1).reshape(w.size, -1) + random.random((w.size, len(names)))) / group
+        outcomes = steps.step(n, z, tiles(under), tiles(ahead))
+        w, n = w * _tile_weights(ahead), n + 1
+        falls += [float(w[~outcomes.completed].sum())] if n > TRANSIENT else []
+        on = outcomes.completed & (w > SMALLEST_WEIGHT)
+        if not on.any():
+            return _unknown("all walks fall at once")
+        z, under, w = outcomes.states[on], ahead[on], w[on] / w[on].sum()
+        at, w, group = _resampled(_cells(z / dynamics.state_units, under, w), w, random)
+        z, under = z[at], under[at]
+    if not any(falls):
+        return _unknown(
+            f"no walk fell within {n} steps, although the rarest of {w.size} walks stood for one of {1 / w.min():.0e}: "
+            "falls are impossible or extremely rare"
+        )
+    share, error = _share(falls)
+    ends = [float(np.exp(sign * error)) / share for sign in (-1, 1)]
+    return {"eigenvalue": 1 - share, "mean_steps": 1 / share, "interval": ends, "reason": None}
+
+
+def _unknown(reason: str) -> dict[str, Any]:
+    return {"eigenvalue": None, "mean_steps": None, "interval": None, "reason": reason}
+
+
+def _tile_weights(s: Array) -> Array:
+    return np.asarray(np.prod(30 * s**2 * (1 - s) ** 2, axis=1))
+
+
+def _is_enough(falls: list[float], n: int) -> bool:
+    blocks = len(falls) // BLOCK
+    if len(falls) % BLOCK or blocks < FEWEST_BLOCKS or n <= TRANSIENT:
+        return False
+    share, error = _share(falls)
+    return blocks >= MOST_BLOCKS or error <= PRECISE or (share == 0 and blocks >= EMPTY_BLOCKS)
+
+
+def _share(falls: list[float]) -> tuple[float, float]:
+    """The mean share of walks that fall in a step, and the error of its logarithm at ``CONFIDENCE``.
+
+    The means of blocks are not symmetric, as few walks with much weight bring most of the falls.
+    """
+    from scipy.special import stdtrit
+
+    means = np.reshape(falls, (-1, BLOCK)).mean(axis=1)
+    t, share = float(stdtrit(means.size - 1, (1 + CONFIDENCE) / 2)), float(means.mean())
+    return share, t * float(means.std(ddof=1)) / (np.sqrt(means.size) * share) if share else np.inf
+
+
+def _cells(y: Array, s: Array, w: Array) -> NDArray[np.intp]:
+    """The cell of each walk: in the principal directions of the states ``y``, and by the tile under its foot."""
+    deviations = y - w @ y
+    variances, directions = np.linalg.eigh(deviations.T * w @ deviations)
+    varied = variances > SMALLEST_VARIANCE
+    along, size = deviations @ directions[:, varied] / np.sqrt(variances[varied]), CELL
+    while True:
+        rows = np.floor(np.hstack([along / size, s * LEVELS])).astype(np.intp)
+        _, cells = np.unique(rows, axis=0, return_inverse=True)
+        if cells.max() < MOST_CELLS:
+            return cells.ravel()
+        size *= WIDER
+
+
+def _resampled(cells: NDArray[np.intp], w: Array, random: np.random.Generator) -> tuple[NDArray[np.intp], Array, int]:
+    """The walks that go on, cell by cell, their weights, and the number of those in a cell."""
+    totals = np.bincount(cells, w)
+    count, order = totals.size, np.argsort(cells, kind="stable")
+    group = max(FEWEST_WALKS, WALKS // count)
+    up_to = np.cumsum(w[order] / totals[cells[order]])
+    last = np.cumsum(np.bincount(cells)) - 1
+    up_to[last] = np.arange(1, count + 1)  # without rounding
+    at = np.arange(count)[:, None] + (np.arange(group) + random.random((count, 1))) / group
+    chosen = order[np.searchsorted(up_to, at.ravel(), side="right").clip(max=w.size - 1)]
+    return chosen, np.repeat(totals / group, group), group

@@ -112,12 +112,6 @@ class TiledWalks:
         """End some walks."""
         self.walking = np.setdiff1d(self.walking, rows)
 
-    def restart(self, rows: Rows, sources: Rows) -> None:
-        """Let ended walks go on from the states and tiles of others; this works in batches only."""
-        self.states[rows] = self.states[sources]
-        self._batches.copy(self.steps, rows, sources)
-        self.walking = np.union1d(self.walking, rows)
-
     def _walk(self, state: Array, row: int, stepper: type) -> Iterator[StepOutcomes]:
         if not np.isfinite(state).all():
             yield stack_outcomes([UNDEFINED_STATE], state[None], self._dynamics.system)
@@ -136,44 +130,60 @@ def _joined(parts: list[StepOutcomes]) -> StepOutcomes:
     return replace(parts[0], **joined)
 
 
+class TiledSteps:
+    """Steps of many walks of a walker on one foot, each between two tiles of its own, integrated together by heyoka.
+
+    Parameters
+    ----------
+    dynamics : the walker on the nominal floor, in its first step.
+    drops, uneven : see ``ground.floor_system``.
+    """
+
+    def __init__(self, dynamics: Dynamics, *, drops: bool, uneven: bool) -> None:
+        from gaitopt.simulation.heyoka_batch import BatchSimulator  # needs heyoka, which is optional
+
+        self.on_tiles = OnTiles(dynamics, drops=drops, uneven=uneven)
+        level = self.on_tiles.parameters(0, {}, np.zeros((1, dynamics.system.n_z)))[0]
+        self._simulator = BatchSimulator(Dynamics(self.on_tiles.system, level))
+
+    def step(self, n: int, states: Array, under: Floors, ahead: Floors) -> StepOutcomes:
+        """Step ``n`` from states, shape (m, n_z), on tiles ``under`` the foot to those ``ahead``, shape (m, ...)."""
+        zero, height = np.zeros(len(states)), "height"
+        rise = ahead[height] - under[height] if height in under else zero
+        tiles = {
+            name: Tiles(friction=_pairs(of.get("friction")), height=up, slope=of.get("slope", zero))
+            for name, of, up in ((FOOT, under, zero), (SWING_FOOT, ahead, rise))
+        }
+        return self._simulator.step(states, self.on_tiles.parameters(n, tiles, states))
+
+
+def _pairs(friction: Array | None) -> Array | None:
+    return friction if friction is None or friction.ndim > 1 else np.stack([friction, friction], axis=1)
+
+
 class _Batches:
-    """Steps of many walks of a walker that stands on one foot, integrated together by heyoka."""
+    """Steps of many walks of a walker that stands on one foot on their floors."""
 
     def __init__(self, dynamics: Dynamics, floors: Floors) -> None:
         from gaitopt.simulation.heyoka_batch import BatchSimulator  # needs heyoka, which is optional
 
         self._nominal = [BatchSimulator(each) for each in dynamics.steps]
-        self._floors = {name: np.array(floors[name], dtype=float) for name in QUANTITIES if name in floors}
+        self._floors = {name: np.asarray(floors[name], dtype=float) for name in QUANTITIES if name in floors}
         self._tiles = max((values.shape[1] for values in self._floors.values()), default=0)
         if (friction := self._floors.get("friction")) is not None and friction.ndim == 2:
             self._floors["friction"] = np.stack([friction, friction], axis=2)
         drops = "friction" in self._floors and bool(np.ptp(self._floors["friction"], axis=2).any())
         uneven = any(self._floors[name].any() for name in ("height", "slope") if name in self._floors)
-        self._on_tiles = OnTiles(dynamics, drops=drops, uneven=uneven)
-        level = Dynamics(self._on_tiles.system, self._on_tiles.parameters(0, {}, np.zeros((1, dynamics.system.n_z)))[0])
-        self._tiled = BatchSimulator(level) if self._floors else None
+        self._tiled = TiledSteps(dynamics, drops=drops, uneven=uneven) if self._floors else None
         self._last = self._last_special()
 
     def step(self, n: int, rows: Rows, states: Array) -> StepOutcomes:
         if self._tiled is None or n > self._last:
             return self._nominal[n % len(self._nominal)].step(states)
-        tiles = {FOOT: self._under(n, n, rows), SWING_FOOT: self._under(n + 1, n, rows)}
-        return self._tiled.step(states, self._on_tiles.parameters(n, tiles, states))
+        return self._tiled.step(n, states, self._tile(n, rows), self._tile(n + 1, rows))
 
-    def copy(self, n: int, rows: Rows, sources: Rows) -> None:
-        for values in self._floors.values():
-            values[rows, min(n, values.shape[1] - 1)] = values[sources, min(n, values.shape[1] - 1)]
-
-    def _under(self, n: int, base: int, rows: Rows) -> Tiles:
-        """Tile ``n`` of some walks, with its height relative to tile ``base``."""
-        friction, height, slope = (self._floors.get(name) for name in QUANTITIES)
-        of = [
-            None if values is None else values[rows, min(n, values.shape[1] - 1)]
-            for values in (friction, height, slope)
-        ]
-        zero = np.zeros(rows.size)
-        rise = zero if height is None or of[1] is None else of[1] - height[rows, min(base, height.shape[1] - 1)]
-        return Tiles(friction=of[0], height=rise, slope=zero if of[2] is None else of[2])
+    def _tile(self, n: int, rows: Rows) -> Floors:
+        return {name: values[rows, min(n, values.shape[1] - 1)] for name, values in self._floors.items()}
 
     def _last_special(self) -> float:
         """Number of the last step that needs the system on tiles; infinite if all do, -1 if none does.
@@ -184,7 +194,8 @@ class _Batches:
         special = np.zeros(self._tiles, dtype=bool)
         for name, values in self._floors.items():
             full = values[:, np.minimum(np.arange(self._tiles), values.shape[1] - 1)]
-            nominal = {"friction": self._on_tiles.nominal_friction, "height": full[:, -1:]}.get(name, 0.0)
+            assert self._tiled is not None
+            nominal = {"friction": self._tiled.on_tiles.nominal_friction, "height": full[:, -1:]}.get(name, 0.0)
             changed = np.reshape(full != nominal, (len(full), self._tiles, -1))
             special |= changed.any(axis=(0, 2))
         if not special.any():

@@ -370,6 +370,7 @@ def test_a_wrong_range_of_a_design_is_named(text, line):
     ("objective", "line"),
     [
         ("{worst: work, mean: work}", "objective: worst and mean: worst or mean counts the whole objective"),
+        ("{median: work}", "objective: 'median' is no way in which the values over a range count: give {worst: NAME}"),
         ("{mean: wrok}", "objective.mean: wrok is not a scalar of a gait"),
         ("work\nat: {friction: 0.4}", "at.friction: 0.4 lies outside of the range [0.1, 0.3]"),
         ("work\nat: {walker.slope: 0.4}", "at: {'walker.slope': 0.4} is not a value of the parameter in over"),

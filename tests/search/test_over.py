@@ -1,6 +1,9 @@
 """A design over a range of a parameter is a stable gait that meets its constraints at every value."""
 
 import json
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -185,3 +188,24 @@ def test_an_interrupted_design_goes_on_from_where_it_ended():
     gait = go.solve(NAME, start=stopped, progress=False)
     assert gait.converged
     assert gait.over.objective == pytest.approx(named(NAME).over.objective, rel=1e-8)
+
+
+@pytest.mark.slow
+def test_ctrl_c_keeps_the_point_that_a_design_over_a_range_has_reached(tmp_path):
+    command = [sys.executable, "-m", "gaitopt", "solve", NAME, "-o"]
+    process = subprocess.Popen([*command, "run"], stderr=subprocess.PIPE, text=True, cwd=tmp_path)
+    lines = list[str]()
+    while len(lines) < 10:  # the design for the own value alone is found, and scenarios are designed together
+        lines.append(process.stderr.readline())
+        assert lines[-1], lines
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate()
+    assert process.returncode == 130
+    assert err.splitlines()[-2:] == [
+        "the point where it ended is in run; `--start run` goes on from it",
+        "gaitopt: interrupted",
+    ]
+    resumed = subprocess.run(
+        [*command, "resumed", "--start", "run", "--json"], capture_output=True, text=True, cwd=tmp_path, check=True
+    )
+    assert json.loads(resumed.stdout)["over"]["objective"] == pytest.approx(named(NAME).over.objective, rel=1e-8)

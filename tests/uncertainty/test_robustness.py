@@ -7,6 +7,7 @@ import time
 from itertools import product
 from math import asin, cos, pi, sin, sqrt
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,8 +24,9 @@ from gaitopt.gait.measures import measure
 from gaitopt.problem.floor import QUANTITIES, RandomFloor
 from gaitopt.simulation.engine import choose_engine, is_installed
 from gaitopt.simulation.simulator import Simulator
+from gaitopt.uncertainty import falls as falls_module
 from gaitopt.uncertainty.derivatives import OUTPUTS
-from gaitopt.uncertainty.falls import COUNTED, PARTICLES, count_falls, mean_steps, metastable_eigenvalue
+from gaitopt.uncertainty.falls import count_falls, mean_steps, metastable
 from gaitopt.uncertainty.interval import stable_interval
 from gaitopt.uncertainty.limits import limit, nearest_failure, patch_limit, push_limit
 from gaitopt.uncertainty.norm import norm_of_walks, sensitivity_norm
@@ -64,9 +66,9 @@ def test_a_patch_of_ice_survives_at_its_limit_and_fails_below(length, about):
     assert not comes_back(gait, patch(nominal, length, found - 1e-6), steps=150)
 
 
-def wheel():
+def wheel(slope=0.1):
     """A wheel on ground that it cannot slip on, its half angle, inertia about the foot and 2 g / (r ratio)."""
-    gait = solve(load_problem("rimless-wheel-stick").replace({"friction": 3.0, "walker.slope": 0.1}))
+    gait = solve(load_problem("rimless-wheel-stick").replace({"friction": 3.0, "walker.slope": slope}))
     p = gait.problem.walker
     ratio = 1 + p.inertia_ratio
     return gait, p, pi / p.spokes, ratio, 2 * p.gravity / (p.radius * ratio)
@@ -209,13 +211,113 @@ def test_falls_of_two_seeds_and_the_metastable_eigenvalue_agree(tmp_path):
         floor = RandomFloor.parse("friction=0.136:0.144", seed)
         completed, _ = count_falls(gait, floor, walks=400, steps=1000, engine=ENGINE)
         intervals.append(mean_steps(completed)[1])
-        eigenvalue = metastable_eigenvalue(gait, floor, ENGINE)
-        mean, falls = 1 / (1 - eigenvalue), (1 - eigenvalue) * PARTICLES * COUNTED
-        error = 2.576 / np.sqrt(falls)  # of the eigenvalue, at the same 99 %
-        assert mean * (1 + error) > intervals[-1][0]
-        assert mean * (1 - error) < intervals[-1][1]
+        known = metastable(gait, floor, ENGINE)
+        assert 1 / (1 - known["eigenvalue"]) == pytest.approx(known["mean_steps"], rel=1e-6)
+        low, high = known["interval"]
+        assert 1 < high / low < 1.6
+        assert high > intervals[-1][0]
+        assert low < intervals[-1][1]
     assert intervals[0][0] < intervals[1][1]
     assert intervals[1][0] < intervals[0][1]
+
+
+class WheelOnSteps:
+    """Steps of a wheel over tiles of other heights in closed form, in place of those of the simulator.
+
+    The square of its rate at the top, T, falls below 0 where it does not pass the top.
+    """
+
+    def __init__(self, slope):
+        self.gait, self.p, self.a, self.ratio, self.pull = wheel(slope)
+        self.kept = ((cos(2 * self.a) + self.p.inertia_ratio) / self.ratio) ** 2
+
+    def __call__(self, dynamics, **_):
+        return self
+
+    def landing(self, rise):
+        return self.a - np.arcsin(rise / (2 * self.p.radius * sin(self.a)))
+
+    def lost(self, angle):
+        return self.pull * (1 - np.cos(angle + self.p.slope))
+
+    def step(self, n, states, under, ahead):
+        top, landing = states[:, 2] ** 2 - self.lost(states[:, 0]), self.landing(ahead["height"] - under["height"])
+        after = states.copy()
+        after[:, 0] = landing - 2 * self.a
+        after[:, 2] = np.sqrt(self.kept * np.maximum(top + self.lost(landing), 0.0))
+        return SimpleNamespace(states=after, completed=top >= 0)
+
+    def falling_share(self, most, nodes=1001, tiles=24):
+        """1 - the metastable eigenvalue on tiles of height -most to most, where T' = kept T + b(tile, next)."""
+        points, weights = np.polynomial.legendre.leggauss(tiles)
+        landing = self.landing(most * (points[None, :] - points[:, None]))
+        b = self.kept * self.lost(landing) - self.lost(landing - 2 * self.a)
+        top = np.linspace(0, b.max() / (1 - self.kept), nodes)
+        after = (self.kept * top + b[:, :, None]) / top[1]  # in nodes; axes: tile, next tile, node
+        at = np.clip(np.floor(after).astype(int), 0, nodes - 2)
+        part, survives = np.clip(after - at, 0, 1), after >= 0
+        density = np.ones((tiles, nodes)) / (tiles * nodes)
+        for _ in range(150):
+            flow = density[:, None, :] * weights[None, :, None] / 2 * survives
+            new = np.array([
+                np.bincount(at[:, k].ravel(), (flow * (1 - part))[:, k].ravel(), nodes)
+                + np.bincount(at[:, k].ravel() + 1, (flow * part)[:, k].ravel(), nodes)
+                for k in range(tiles)
+            ])  # fmt: skip
+            share, density = (
+                float((density[:, None, :] * weights[None, :, None] / 2 * ~survives).sum()),
+                new / new.sum(),
+            )
+        return share
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("most", "mean"), [(0.05, 1.7e4), (0.045, 1.8e7)])
+def test_the_metastable_eigenvalue_of_a_wheel_is_that_by_quadrature(most, mean, monkeypatch):
+    """Also where no plain walk falls, and on a mesh with cells of half the size."""
+    closed_form = WheelOnSteps(slope=0.06)
+    monkeypatch.setattr(falls_module, "TiledSteps", closed_form)
+    share = closed_form.falling_share(most)
+    assert 1 / share == pytest.approx(mean, rel=0.1)
+    for cell in (0.6, 0.3):
+        monkeypatch.setattr(falls_module, "CELL", cell)
+        found = metastable(closed_form.gait, RandomFloor.parse(f"height=-{most}:{most}"), ENGINE)
+        low, high = found["interval"]
+        assert low < 1 / share < high
+        assert found["mean_steps"] == pytest.approx(1 / share, rel=0.5)
+
+
+@needs_heyoka
+def test_an_eigenvalue_that_is_not_known_has_a_reason(monkeypatch):
+    monkeypatch.setattr(falls_module, "TRANSIENT", 0)
+    closed_form = WheelOnSteps(slope=0.06)
+    monkeypatch.setattr(falls_module, "TiledSteps", closed_form)
+    found = metastable(closed_form.gait, RandomFloor.parse("height=-0.001:0.001"), ENGINE)
+    assert found["eigenvalue"] is None
+    assert "falls are impossible or extremely rare" in found["reason"]
+    monkeypatch.setattr(falls_module, "MOST_COORDINATES", 0)
+    found = metastable(closed_form.gait, RandomFloor.parse("height=-0.001:0.001"), ENGINE)
+    assert found["reason"] == "the section has 1 coordinates, but a mesh fills at most 0"
+    assert (
+        "1 coordinates"
+        in go.Robustness(
+            problem=closed_form.gait.problem,
+            figures={
+                "falls:0": {"completed": [-5.0], "endings": {}, "floor": "height=-0.001:0.001", "seed": 0},
+                "eigenvalue": found,
+            },
+        )
+        .report()
+        .text
+    )
+
+
+@pytest.mark.parametrize("text", ["friction=0.1:0.2", "friction=normal(0.02, 0.02)"])
+def test_quantiles_are_those_of_the_numbers_that_are_drawn(text):
+    spread = RandomFloor.parse(text).spreads["friction"]
+    drawn = np.sort(spread.draw(np.random.default_rng(0), 20_000, 0.0))
+    shares = np.linspace(0.0, 1.0, drawn.size)
+    assert spread.quantiles(shares, 0.0) == pytest.approx(drawn, abs=0.03 * np.ptp(drawn))
 
 
 @pytest.mark.slow
@@ -319,6 +421,32 @@ def test_a_killed_command_resumes_with_equal_results(tmp_path):
     assert file.read_text().splitlines()[:2] == finished
     assert records[0] == records[1]
     assert records[0]["falls"]["walks"] == 1200
+
+
+@needs_heyoka
+@pytest.mark.slow
+def test_a_dask_scheduler_computes_the_same_figures(tmp_path):
+    asked = {
+        "what": "push,sensitivity,falls",
+        "random": "height=-0.1:0.1",
+        "walks": 600,
+        "steps": 60,
+        "progress": False,
+    }
+    gait, _, _, _, _ = wheel()
+    serial = robustness(gait, workers=1, output=tmp_path / "serial", **asked)
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        far = robustness(gait, scheduler=cluster.scheduler_address, output=tmp_path / "far", **asked)
+    assert far.to_record() == serial.to_record()
+    assert far.to_record()["falls"]["mean_steps"] is not None
+
+
+def test_the_table_says_how_a_norm_was_found():
+    sensitivity = {"height": dict.fromkeys(OUTPUTS, 1.0)}
+    for name, words in (("compass-passive-a", "derivatives of the walk"), ("heel-toe", "differences of walks")):
+        result = go.Robustness(problem=go.load_problem(name), figures={"sensitivity": sensitivity})
+        assert words in result.report().text
 
 
 def test_an_unstable_gait_is_printed_as_json_before_exit_code_4(tmp_path, capsys):
