@@ -458,7 +458,8 @@ def robustness(
       changes that one tile causes in all steps, from friction, height and slope to period, step length, clearance and
       least distance to the friction cone. The derivatives are exact for a walker on one foot; for several contacts they
       are extrapolated from differences of walks.
-    - ``falls``: mean number of steps to a fall on random tiles, its 99 % interval, and the metastable eigenvalue.
+    - ``falls``: mean number of steps to a fall on random tiles, its 99 % interval, and the metastable eigenvalue with
+      the mean number of steps that follows from it, also where falls are too rare to be counted.
 
     Parameters
     ----------

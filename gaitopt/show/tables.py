@@ -631,19 +631,16 @@ def print_basin(console: Console, record: Record) -> None:
     section(console, title, ("", "ends on", "states", "share", "modes; impact"), [*gaits, *failed], numbers=(0, 2, 3))
 
 
-def print_robustness(console: Console, record: Record) -> None:
+def print_robustness(console: Console, result: Robustness) -> None:
     """Print the figures of the robustness of a gait, and how each of them was found."""
-    section(
-        console,
-        f"{record['problem']}: robustness",
-        ("figure", "value, lower end", "upper end", "found by"),
-        robustness_rows(record),
-    )
+    title, columns = f"{result.problem.name}: robustness", ("figure", "value, lower end", "upper end", "found by")
+    section(console, title, columns, robustness_rows(result))
 
 
-def robustness_rows(record: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+def robustness_rows(result: Robustness) -> list[tuple[str, str, str, str]]:
     """The rows of the table: name of the figure, value or lower end, upper end, and the method that found it."""
-    rows = list[tuple[str, str, str, str]]()
+    rows, record = list[tuple[str, str, str, str]](), result.to_record()
+    norm = "derivatives of the walk" if result.problem.walker.stands_on_one() else "differences of walks"
     for key, found in record.get("range", {}).items():
         ends = [(found[side], spelled(found[f"{side}_end"])) for side in ("low", "high")]
         low, high = ("no end found" if end is None else f"{end:.9g} ({kind})" for end, kind in ends)
@@ -665,13 +662,17 @@ def robustness_rows(record: Mapping[str, Any]) -> list[tuple[str, str, str, str]
         for name, value in outputs.items():
             unit = f"{NORM_UNITS[name]}{TILE_UNITS[quantity]}"
             words = f"norm from {quantity} to {name.replace('_', ' ')} [{unit}]"
-            rows.append((words, _figure(value), "", "derivatives of the walk"))
+            rows.append((words, _figure(value), "", norm))
     falls = record.get("falls")
     if falls is not None:
         low, high = falls["interval"]
         words = f"{_figure(low)} to {_figure(high)}"
         rows.append((f"mean steps to a fall, {falls['floor']}", _figure(falls["mean_steps"]), words, "random walks"))
-        rows.append(("metastable eigenvalue", _figure(falls["eigenvalue"], 8), "", "walks that go on as copies"))
+        known, reason = falls["eigenvalue"], falls.get("eigenvalue_reason") or "weighted walks"
+        rows.append(("1 - metastable eigenvalue", _figure(None if known is None else 1 - known), "", reason))
+        if (steps := falls.get("metastable")) is not None and known is not None:
+            words = " to ".join(map(_figure, steps["interval"]))
+            rows.append(("mean steps to a fall from it", _figure(steps["mean_steps"]), words, reason))
     return rows
 
 
@@ -906,7 +907,7 @@ print_result.register(Gaits, lambda gaits, console: print_gaits(console, gaits.t
 print_result.register(Explanation, lambda why, console: print_explanation(console, why.to_record()))
 print_result.register(Basin, lambda basin, console: print_basin(console, basin.to_record()))
 print_result.register(Attractors, lambda attractors, console: print_attractors(console, attractors))
-print_result.register(Robustness, lambda robust, console: print_robustness(console, robust.to_record()))
+print_result.register(Robustness, lambda robust, console: print_robustness(console, robust))
 print_result.register(Atlas, lambda atlas, console: print_atlas(console, atlas.to_record()))
 print_result.register(Sweep, lambda sweep, console: print_sweep(console, sweep.to_record()))
 

@@ -38,9 +38,9 @@ TRANSIENT, BLOCK, MOST_BLOCKS = 60, 40, 20
 """Number of steps after which the start of the weighted walks is forgotten, steps of a block whose falls are averaged,
 and largest number of blocks."""
 FEWEST_BLOCKS, EMPTY_BLOCKS, PRECISE = 4, 8, 0.15
-"""Blocks after which the search ends as soon as the logarithm of the mean is known to this precision, and after which it
-ends if no walk has fallen."""
-WALKS, FEWEST_WALKS, MOST_CELLS = 2000, 4, 2000
+"""Blocks after which the search ends as soon as the logarithm of the mean is known to this precision, and after which
+it ends if no walk has fallen."""
+WALKS, FEWEST_WALKS, MOST_CELLS = 2000, 4, 1000
 """Number of weighted walks, the least one in a cell, and the largest number of cells."""
 CELL, WIDER, LEVELS = 0.3, 1.1, 8
 """Size of a cell in standard deviations of the states, the factor by which it grows while there are too many, and the
@@ -111,29 +111,32 @@ def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: S
         shares = s**3 * (10 + s * (6 * s - 15))  # weight of a tile: derivative of its share by s
         return {name: floor.spreads[name].quantiles(shares[:, k], BOUNDS[name][0]) for k, name in enumerate(names)}
 
-    z, under = np.tile(gait.state, (WALKS, 1)), random.random((WALKS, len(names)))
-    w, group = _tile_weights(under), FEWEST_WALKS
-    w, falls, n = w / w.sum(), list[float](), 0
-    while not _is_enough(falls, n):
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
-        strata = random.permuted(np.tile(np.arange(group), (len(w) // group, len(names), 1)), axis=2)
-        ahead = (strata.transpose(0, 2, 1).reshape(w.size, -1) + random.random((w.size, len(names)))) / group
-        outcomes = steps.step(n, z, tiles(under), tiles(ahead))
-        w, n = w * _tile_weights(ahead), n + 1
-        falls += [float(w[~outcomes.completed].sum())] if n > TRANSIENT else []
-        on = outcomes.completed & (w > SMALLEST_WEIGHT)
-        if not on.any():
-            return _unknown("all walks fall at once")
-        z, under, w = outcomes.states[on], ahead[on], w[on] / w[on].sum()
-        at, w, group = _resampled(_cells(z / dynamics.state_units, under, w), w, random)
-        z, under = z[at], under[at]
-    if not any(falls):
+    for most_cells in (1, MOST_CELLS):  # where falls are frequent, walks of equal weight are the best ones
+        z, under = np.tile(gait.state, (WALKS, 1)), random.random((WALKS, len(names)))
+        w, group = _tile_weights(under), FEWEST_WALKS
+        w, falls, n = w / w.sum(), list[float](), 0
+        while not _is_enough(falls, FEWEST_BLOCKS if most_cells == 1 else MOST_BLOCKS):
+            if should_stop is not None and should_stop():
+                raise KeyboardInterrupt
+            strata = random.permuted(np.tile(np.arange(group), (len(w) // group, len(names), 1)), axis=2)
+            ahead = (strata.transpose(0, 2, 1).reshape(w.size, -1) + random.random((w.size, len(names)))) / group
+            outcomes = steps.step(n, z, tiles(under), tiles(ahead))
+            w, n = w * _tile_weights(ahead), n + 1
+            falls += [float(w[~outcomes.completed].sum())] if n > TRANSIENT else []
+            on = outcomes.completed & (w > SMALLEST_WEIGHT)
+            if not on.any():
+                return _unknown("all walks fall at once")
+            z, under, w = outcomes.states[on], ahead[on], w[on] / w[on].sum()
+            at, w, group = _resampled(_cells(z / dynamics.state_units, under, w, most_cells), w, random)
+            z, under = z[at], under[at]
+        share, error = _share(falls)
+        if error <= PRECISE:
+            break
+    if not share:
         return _unknown(
             f"no walk fell within {n} steps, although the rarest of {w.size} walks stood for one of {1 / w.min():.0e}: "
             "falls are impossible or extremely rare"
         )
-    share, error = _share(falls)
     ends = [float(np.exp(sign * error)) / share for sign in (-1, 1)]
     return {"eigenvalue": 1 - share, "mean_steps": 1 / share, "interval": ends, "reason": None}
 
@@ -146,12 +149,12 @@ def _tile_weights(s: Array) -> Array:
     return np.asarray(np.prod(30 * s**2 * (1 - s) ** 2, axis=1))
 
 
-def _is_enough(falls: list[float], n: int) -> bool:
+def _is_enough(falls: list[float], most_blocks: int) -> bool:
     blocks = len(falls) // BLOCK
-    if len(falls) % BLOCK or blocks < FEWEST_BLOCKS or n <= TRANSIENT:
+    if len(falls) % BLOCK or blocks < FEWEST_BLOCKS:
         return False
     share, error = _share(falls)
-    return blocks >= MOST_BLOCKS or error <= PRECISE or (share == 0 and blocks >= EMPTY_BLOCKS)
+    return blocks >= most_blocks or error <= PRECISE or (share == 0 and blocks >= EMPTY_BLOCKS)
 
 
 def _share(falls: list[float]) -> tuple[float, float]:
@@ -166,8 +169,10 @@ def _share(falls: list[float]) -> tuple[float, float]:
     return share, t * float(means.std(ddof=1)) / (np.sqrt(means.size) * share) if share else np.inf
 
 
-def _cells(y: Array, s: Array, w: Array) -> NDArray[np.intp]:
+def _cells(y: Array, s: Array, w: Array, most: int) -> NDArray[np.intp]:
     """The cell of each walk: in the principal directions of the states ``y``, and by the tile under its foot."""
+    if most == 1:
+        return np.zeros(len(w), dtype=np.intp)
     deviations = y - w @ y
     variances, directions = np.linalg.eigh(deviations.T * w @ deviations)
     varied = variances > SMALLEST_VARIANCE
@@ -175,7 +180,7 @@ def _cells(y: Array, s: Array, w: Array) -> NDArray[np.intp]:
     while True:
         rows = np.floor(np.hstack([along / size, s * LEVELS])).astype(np.intp)
         _, cells = np.unique(rows, axis=0, return_inverse=True)
-        if cells.max() < MOST_CELLS:
+        if cells.max() < most:
             return cells.ravel()
         size *= WIDER
 
