@@ -585,7 +585,7 @@ def _without_shares(structure: Structure, rows: Sequence[_Inequality]) -> list[_
 
 
 def _joined(parts: tuple[tuple[str, str], ...], others: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
-    """All parts, once each."""
+    """The parts of both groups in order, without repetitions."""
     return tuple(dict.fromkeys((*parts, *others)))
 
 

@@ -295,11 +295,11 @@ class NoControl(Control):
 
     @classmethod
     def section(cls, walker: WalkerType) -> SectionType:
-        """No keys."""
+        """The section of a law without keys."""
         return _NoKeys
 
     def torques(self, now: Instant) -> Mapping[str, SX]:
-        """No motor acts."""
+        """No torques, because no motor acts."""
         return {}
 
 
@@ -313,9 +313,9 @@ class ConstantTorque(Control):
 
     @classmethod
     def section(cls, walker: WalkerType) -> SectionType:
-        """One key per actuator."""
+        """The section with one key per actuator."""
         return _torques(walker)
 
     def torques(self, now: Instant) -> Mapping[str, SX]:
-        """The parameters."""
+        """The torques, which are the parameters of the law."""
         return {name: value for name, value in vars(now.p).items() if name not in Control.model_fields}

@@ -307,7 +307,7 @@ class Reference(BaseModel):
     _known: Curve | None = PrivateAttr(default=None)
 
     def motion(self, phase: str = "", span: tuple[float, float] = (0.0, 1.0)) -> Curve:
-        """The curve.
+        """The curve that the joints follow.
 
         Parameters
         ----------
@@ -317,7 +317,7 @@ class Reference(BaseModel):
         Raises
         ------
         ValueError
-            If it depends on a gait that is not known yet.
+            If the curve depends on a gait that is not known yet.
         """
         return self._curve(phase, span) if self._known is None else self._known
 
@@ -528,7 +528,7 @@ class BezierCurves(Reference):
 
     @property
     def is_invariant(self) -> bool:
-        """Whether the file states it."""
+        """Whether the file asks a design to keep the curves invariant under the impact."""
         return bool(self.invariant)
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
@@ -826,7 +826,7 @@ class FreeCurves(Reference):
 
     @property
     def is_invariant(self) -> bool:
-        """Whether ``curve.invariant`` states it."""
+        """Whether ``curve.invariant`` asks a design to keep the curves invariant under the impact."""
         return bool(self.curve.invariant)
 
     @property

@@ -50,7 +50,7 @@ class ProportionalDerivative(Control):
 
     @property
     def horizon(self) -> float:
-        """End of the reference."""
+        """Time since the impact at which the reference ends [s]."""
         return self.reference.motion().horizon
 
     def data(self, segment: int) -> Array:

@@ -121,7 +121,7 @@ class Recorded(Protocol):
     """A point or special point."""
 
     def to_record(self) -> Mapping[str, Any]:
-        """One JSON object."""
+        """The point as one JSON object."""
 
 
 @dataclass(frozen=True, kw_only=True)

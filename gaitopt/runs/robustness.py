@@ -223,7 +223,7 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
         _ = self.jobs
 
     def result(self, jobs: ResumableJobs) -> Robustness:
-        """All figures."""
+        """The result with all figures."""
         records = all_results(jobs, figure_job, self.jobs, "figure")
         self.run.write({ROBUSTNESS_FILE: json_file({"jobs": [job.key for job in self.jobs]})})
         figures = {record["figure"]: record["value"] for record in records}

@@ -267,7 +267,7 @@ class ContactForces:
         return self.law_uses[0]
 
     def of(self, modes: Sequence[Mode]) -> Candidates:
-        """Modes as arrays."""
+        """Modes of this walker as arrays."""
         return candidates(self.walker, self.springs, tuple(modes))
 
     @cached_method

@@ -132,7 +132,7 @@ class Solution:
 
     @cached_property
     def scaled(self) -> ScaledMatrix:
-        """``square`` in natural units."""
+        """The matrix ``square`` in natural units, ready to be solved with."""
         return self.scaled_as_square(self.square) if self.chord is None else self.chord.scaled
 
     def scaled_as_square(self, matrix: SparseMatrix) -> ScaledMatrix:

@@ -96,7 +96,7 @@ class PhaseMotion:
 
     @property
     def end(self) -> float:
-        """The last time."""
+        """Time since the impact at which the motion ends [s]."""
         return float(self.times[-1])
 
     def __call__(self, times: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Where a walk along a family ends: at its bounds, from either side, and when it has taken all it may."""
+"""The ends of a walk along a family: at its bounds, from either side, and when it has taken all it may."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Which constraint of a design cannot be met, how far the search got, and what pressed against it."""
+"""A failed design names the constraint that cannot be met, how far the search got, and what pressed against it."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""From a solution to its gait and back: arcs that join, exact rest, impacts that lead on, the same unknowns."""
+"""The way from a solution to its gait and back: arcs that join, exact rest, impacts that lead on, the same unknowns."""
 
 from dataclasses import replace
 from itertools import pairwise
