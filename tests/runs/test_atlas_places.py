@@ -24,8 +24,9 @@ EFFORTS = ((500, 0), (4000, 1))
 """Number of starts and seed of the searches; the next one only if a region's gait is not among those found."""
 ON_CURVE = 2e-3
 """Distance from a curve, relative to the ranges, within which a place may belong to the regions on both sides of it."""
-MOST_MISSED = 2
-"""Gaits per batch that exist, as the simulator confirms, but that no search finds: its starts are random."""
+HARD_TO_FIND = 100.0
+"""Spectral radius above which a gait may be missing among those found, if the simulator confirms it: deviations grow a
+hundredfold in one step, so that hardly any random start is near enough. At low friction the radius reaches 20,000."""
 
 pytestmark = pytest.mark.slow
 
@@ -106,6 +107,7 @@ def compare(atlas: go.Atlas, folder: File, number: int) -> dict[str, object]:
         return result | {"verdict": "agrees" if len(stated) == 1 else "several regions"}
     known = followed(family_of(place, bound), float(place[0]))
     confirmed = known is not None and go.verify(known).passed and {label(known)} == stated
+    confirmed = confirmed and known.spectral_radius > HARD_TO_FIND
     near = is_near_a_curve(atlas, place)
     verdict = "missed" if confirmed else "near a curve" if near else f"wrong: {known and label(known)}"
     return result | {"verdict": verdict}
@@ -120,5 +122,4 @@ def test_the_gaits_of_regions_are_among_those_that_find_finds(atlas, folder, bat
         (folder / f"places-{batch}.json").write_text(json.dumps(results, indent=1))
     verdicts = [result["verdict"] for result in results]
     assert set(verdicts) <= {"agrees", "missed", "near a curve"}, results
-    assert verdicts.count("missed") <= MOST_MISSED
     assert verdicts.count("near a curve") <= 1
