@@ -88,11 +88,16 @@ def test_a_wrong_number_in_any_column_of_a_table_is_detected(name, file, tmp_pat
                 assert not verify(load_run(tmp_path / "run")).passed
 
 
-def test_a_table_with_exchanged_columns_is_refused(tmp_path):
+def test_a_table_with_exchanged_columns_or_without_rows_is_refused(tmp_path):
     folder = tmp_path / "run"
     write_result(named("compass-pd-impact-slip"), Run(folder))
     path = folder / "trajectory.csv"
-    path.write_text(path.read_text().replace("f_t,f_n", "f_n,f_t"))
-    Run(folder).seal(path.name)
-    with pytest.raises(StorageError, match=r"trajectory\.csv:1 has columns .* f_n, f_t"):
-        load_run(folder)
+    text = path.read_text()
+    for spoiled, words in (
+        (text.replace("f_t,f_n", "f_n,f_t"), r"trajectory\.csv:1 has columns .* f_n, f_t"),
+        (f"{text.splitlines()[0]}\n", "does not contain a gait"),
+    ):
+        path.write_text(spoiled)
+        Run(folder).seal(path.name)
+        with pytest.raises(StorageError, match=words):
+            load_run(folder)
