@@ -43,30 +43,39 @@ from gaitopt.threads import cached_property
 
 
 class Condition(Protocol):
-    """A function on the surface of gaits.
+    """A function on the surface of gaits, which vanishes along the traced curve.
 
     Attributes
     ----------
-    kind : of the bifurcation that is where it vanishes; ``margin`` for any other.
-    kappa : about cos theta, of a pair of multipliers.
+    kind : the bifurcation at which the function vanishes, or ``margin``.
+    kappa : approximate cosine of the angle of the critical pair of multipliers; 0 if there is no pair.
     """
 
     @property
     def kind(self) -> str:
-        """See above."""
+        """The bifurcation, or ``margin``."""
 
     @property
     def kappa(self) -> float:
-        """See above."""
+        """The approximate cosine of the angle of the critical pair."""
 
     def value(self, at: Solution) -> float:
-        """The function."""
+        """Value of the function at a solution, in natural units."""
 
     def slopes(self, at: Solution, directions: Array) -> Array:
-        """Its derivatives along directions in the surface, shape (m, n_w); shape (m,)."""
+        """Derivatives of the function along directions in the surface.
+
+        Parameters
+        ----------
+        directions : ndarray, shape (m, n_w).
+
+        Returns
+        -------
+        slopes : ndarray, shape (m,).
+        """
 
     def followed(self, at: Solution) -> "Condition":
-        """The condition as it is followed from a solution on."""
+        """The condition for the next step of the curve, which selects the pair of multipliers at this solution."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +100,7 @@ class Eigenvalue:
         return at.return_map.slopes(left[:, None], right[:, None], directions)
 
     def followed(self, at: Solution) -> "Eigenvalue":
-        """The condition as it is followed from a solution on."""
+        """The same condition: it selects no pair."""
         return self
 
 
@@ -101,14 +110,14 @@ class Pair:
 
     Attributes
     ----------
-    kappa : half their sum, near which the pair is looked for.
+    kappa : half the sum of the pair at the last solution, which selects it among all pairs.
     """
 
     kappa: float
     kind: ClassVar[str] = "neimark_sacker"
 
     def value(self, at: Solution) -> float:
-        """Their product less one."""
+        """The product of the pair minus one."""
         return float(np.prod(self.multipliers(at)).real) - 1
 
     def slopes(self, at: Solution, directions: Array) -> Array:
@@ -118,11 +127,11 @@ class Pair:
         return determinant * at.return_map.slopes(left, right @ np.linalg.inv(S), directions)
 
     def multipliers(self, at: Solution) -> NDArray[np.complex128]:
-        """The pair."""
+        """The two multipliers of the pair."""
         return pair_nearest(eigenvalues(at.return_map.scaled), self.kappa)
 
     def followed(self, at: Solution) -> "Pair":
-        """The pair as it is at a solution."""
+        """The condition with ``kappa`` of this solution."""
         return replace(self, kappa=float(self.multipliers(at).sum().real) / 2)
 
 
@@ -135,11 +144,11 @@ class MarginZero:
     kappa: ClassVar[float] = 0.0
 
     def followed(self, at: Solution) -> "MarginZero":
-        """The condition as it is followed from a solution on."""
+        """The same condition: it selects no pair."""
         return self
 
     def value(self, at: Solution) -> float:
-        """The monitor."""
+        """Value of the monitor at a solution, in natural units."""
         return float(self._series(at, np.zeros((0, 1, at.w.size)))[0, 0])
 
     def slopes(self, at: Solution, directions: Array) -> Array:

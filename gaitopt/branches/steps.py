@@ -48,7 +48,7 @@ class Steps(ABC, Generic[P, S]):
     request : the request with both bounds.
     metric : scales of arclength.
     numbers : numbers for the branches or curves to come.
-    should_stop : polled before every step; True ends the walk without a special point.
+    should_stop : polled after every record and before every step; True ends the walk, which can be resumed.
     point : the current point.
     index : number of the current point on its branch or curve.
     length : arclength of the next step.
@@ -69,7 +69,7 @@ class Steps(ABC, Generic[P, S]):
         while True:
             for record in records:
                 yield record
-                if self._is_end(record):
+                if self._is_end(record) or (self.should_stop is not None and self.should_stop()):
                     return
             if self.should_stop is not None and self.should_stop():
                 return

@@ -5,7 +5,7 @@ branch point     both halves of the second curve of solutions
 change of modes  every mode sequence that holds near the event, including the cycle that alternates between both
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -42,7 +42,7 @@ def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[Cu
             f"{', '.join(FOLLOWS)}"
         )
     if special.type == "period_doubling":
-        points = _doubled(special.gait, parameter, metric)
+        points = doubled_beginnings(special.gait, parameter, metric)
     elif special.type == "branch_point":
         points = _crossing(special.gait, special.tangent, parameter, metric)
     else:
@@ -54,7 +54,9 @@ def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[Cu
     return first_points
 
 
-def _doubled(gait: Gait, parameter: str, metric: Metric) -> Iterator[CurvePoint]:
+def doubled_beginnings(
+    gait: Gait, parameter: str, metric: Metric, distances: Sequence[float] = DISTANCES
+) -> Iterator[CurvePoint]:
     """The family of twice as many steps; its other half consists of the same gaits, started one cycle later."""
     point = first_point(gait, parameter, metric, 1.0)
     tangent, n = point.direction, point.curve.equations.n_phases
@@ -63,7 +65,7 @@ def _doubled(gait: Gait, parameter: str, metric: Metric) -> Iterator[CurvePoint]
     state = dict(zip(gait.system.state_names, gait.state, strict=True))
     problem = gait.problem.with_modes(Cycle(gait.problem.cycle.steps * 2), state)
     doubled, w = curve_through(problem, parameter, metric, retraced(gait, 2))
-    yield from _halves(doubled, w, along, signs=(1.0,))
+    yield from _halves(doubled, w, along, signs=(1.0,), distances=distances)
 
 
 def _crossing(gait: Gait, tangent: Array | None, parameter: str, metric: Metric) -> Iterator[CurvePoint]:
@@ -74,14 +76,16 @@ def _crossing(gait: Gait, tangent: Array | None, parameter: str, metric: Metric)
     yield from _halves(curve, w, curve.solutions.scaled(tangent), signs=(1.0, -1.0))
 
 
-def _halves(curve: Curve, w: Array, along: Array, signs: tuple[float, ...]) -> Iterator[CurvePoint]:
+def _halves(
+    curve: Curve, w: Array, along: Array, signs: tuple[float, ...], distances: Sequence[float] = DISTANCES
+) -> Iterator[CurvePoint]:
     """The halves, one for each sign, of the branch that crosses the direction ``along`` (shape of y) at ``w``."""
     direction = curve.solutions.crossing(w, along)
     if direction is None:
         return
     origin = curve.solutions.coordinates(w)
     for sign in signs:
-        for distance in DISTANCES:
+        for distance in distances:
             try:
                 point = curve.branch_off(w, direction, sign * distance)
             except ProblemError:  # Newton's method leaves the range of the parameter

@@ -13,7 +13,7 @@ too: that of a margin does, that of a bifurcation only if the multipliers are co
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import count, zip_longest
+from itertools import chain, count, zip_longest
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,7 @@ from gaitopt.branches.monitors import MonitorKey, monitor_values, stride
 from gaitopt.branches.normal_forms import KINDS, LocalMap, coefficients
 from gaitopt.branches.request import Request
 from gaitopt.branches.steps import FIRST_LENGTH, HALVED, SILENT, VANISHED_STRIDE, VANISHING, Steps
+from gaitopt.branches.switching import doubled_beginnings
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.branch import SpecialPoint
@@ -192,6 +193,33 @@ def doubled_margin(point: CurvePoint, key: MonitorKey) -> CurveStart | None:
         if all(m.value > -SILENT for k, m in found.monitors.items() if k != key):
             place = (key.kind, key.phase, key.step)
             return CurveStart(type="margin", parameter=equations.free[0], gait=found.gait, margin=place)
+    return None
+
+
+@overflow_allowed()
+def doubled_fold(point: CurvePoint) -> CurveStart | None:
+    """The curve of folds of doubled gaits that begins at a generalised flip; None if Newton's method finds no gait.
+
+    With x -> -(1 + a) x + c x^3 + e x^5 the doubled gaits are a = c x^2 + e x^4. They fold where c = -2 e x^2, on a
+    curve that is tangent to that of the period doublings, a = 0. A doubled gait is found first, with one parameter;
+    then it is moved to the fold, with the same difference x between its halves.
+    """
+    curve, (first, second) = point.curve, point.at.equations.free
+    plain = replace(curve.metric, others=(), span=curve.metric.others[0])
+    beginnings = (doubled_beginnings(point.gait, first, plain, (distance,)) for distance in HALVES_APART[::-1])
+    for doubled in chain.from_iterable(beginnings):
+        folds, w = curve_through(
+            doubled.problem, second, curve.metric, retraced(doubled.gait), others=(first,), condition=Eigenvalue(1.0)
+        )
+        apart = np.zeros(w.size)
+        apart[: point.gait.state.size] = doubled.gait.state - point.gait.state
+        normal = folds.solutions.coordinates(apart)
+        try:
+            found = folds.with_gait(folds.solutions.across(w, normal / np.linalg.norm(normal)))
+        except ProblemError:  # out of range
+            continue
+        if found is not None and halved_cycle(found.gait) is None and min(m.value for m in found.monitors.values()) > 0:
+            return CurveStart(type="fold", parameter=first, gait=found.gait)
     return None
 
 
@@ -445,6 +473,9 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             if name == "margin_period_doubling" and self.own is not None:
                 doubled = doubled_margin(location.point, self.own)
                 following += () if doubled is None else (doubled,)
+            if name == "generalised_flip":
+                folds = doubled_fold(location.point)
+                following += () if folds is None else (folds,)
             yield replace(special, next=following)
             if self.kind == "neimark_sacker" and name in ("resonance_1_1", "resonance_1_2"):
                 words = "the two multipliers meet and become real: beyond lie neutral saddles"

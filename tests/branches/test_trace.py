@@ -174,23 +174,6 @@ def test_period_doubling_is_where_branches_in_one_parameter_have_it():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("begin", "kind", "ends"),
-    [
-        (doubling, "period_doubling", (0.4, 2.5)),
-        (torus, "neimark_sacker", (0.4, 2.2)),
-        (lambda: special("compass-passive-a", "mode_change", "friction", 0.174), "mode_change", (0.5, 2.0)),
-    ],
-)
-def test_a_curve_cut_at_twenty_values_has_the_special_points_of_branches_there(begin, kind, ends):
-    curve = trace(begin(), SLOPE, tuple(map(radians, ends)), progress=False, verify_every=0)
-    assert sorted(end.values[SLOPE] for end in curve.special("end")) == pytest.approx([radians(end) for end in ends])
-    points = [point for point in curve if point.index]
-    for point in points[:: max(1, len(points) // 20)]:
-        assert point.values["friction"] == pytest.approx(cut(point, "friction", kind), rel=0, abs=AGREEMENT)
-
-
-@pytest.mark.slow
 def test_the_neimark_sacker_curve_passes_two_resonances_and_ends_in_the_third_where_the_period_doubles():
     curve = trace(torus(), SLOPE, (radians(0.5), radians(2.6)), progress=False)
     assert curve.points[0].values["friction"] == pytest.approx(0.1103495808, rel=0, abs=1e-10)
@@ -350,6 +333,32 @@ def test_doubled_gaits_grow_as_the_coefficient_of_the_flip_says():
         offsets.append(point.value - origin.value)
         ratios.append(x**2 * origin.coefficients["c"] / (-slope * offsets[-1]))
     assert np.polyfit(offsets, ratios, 1)[1] == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.slow
+def test_folds_of_doubled_gaits_begin_at_a_generalised_flip_where_branches_of_doubled_gaits_have_them():
+    """With a = c x^2 + e x^4 they leave the period doublings like c^2: a straight line in the square of the halves."""
+    runner = go.solve(go.load_problem("slip-run").replace({"friction": 4}), progress=False)
+    doubles = continuation(runner, "walker.attack", radians(68.6), verify_every=0, progress=False)
+    flips = trace(doubles.special("period_doubling")[0], "walker.stiffness", 17.8, verify_every=0, progress=False)
+    (flip,) = flips.special("generalised_flip")
+    assert flip.values["walker.stiffness"] == pytest.approx(17.8021, abs=1e-4)
+    (begins,) = flip.next
+    assert (begins.type, len(begins.gait.steps)) == ("fold", 2)
+    folds = trace(begins, "walker.stiffness", 17.7, max_points=6, progress=False)
+    squares, along = [], []
+    for point in folds:
+        assert np.abs(point.gait.multipliers - 1).min() < 1e-8
+        first, second = (step.arcs[0].states[0] for step in point.gait.steps)
+        squares.append(float(np.abs(first - second).max()) ** 2)
+        along.append(flip.values["walker.stiffness"] - point.values["walker.stiffness"])
+    assert along == pytest.approx([along[0] / squares[0] * square for square in squares], rel=0.05)
+    last = folds.points[-1]
+    value, found = last.values["walker.attack"], []
+    for side in (2e-5, -2e-5):
+        aside = continuation(last.gait, "walker.attack", value + side, max_points=20, verify_every=0, progress=False)
+        found += [abs(fold.value - value) for fold in aside.special("fold")]
+    assert min(found) < AGREEMENT
 
 
 # ---- walks that are interrupted
