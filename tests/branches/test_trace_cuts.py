@@ -55,7 +55,7 @@ COMPASS = [
     Case("compass-passive-a", "friction", 0.07, "period_doubling", SLOPE, (0.75 * DEG, 1.4 * DEG)),
     Case("compass-passive-a", "friction", 0.06, "impact_change", SLOPE, (0.75 * DEG, 1.4 * DEG),
          margin="impulse_cone_backward"),
-    Case("compass-passive-a", "friction", 0.17, "mode_change", SLOPE, (0.5 * DEG, 2 * DEG), margin="cone_backward"),
+    Case("compass-passive-a", "friction", 0.18, "mode_change", SLOPE, (0.5 * DEG, 2 * DEG), margin="cone_backward"),
     Case("compass-passive-a", "friction", 0.18, "mode_change", SLOPE, (0.5 * DEG, 2 * DEG), index=1,
          margin="cone_forward", where=0.0),
     Case("compass-passive-b", "friction", 0.16, "period_doubling", SLOPE, (0.4 * DEG, 2.5 * DEG)),
