@@ -336,7 +336,7 @@ def test_doubled_gaits_grow_as_the_coefficient_of_the_flip_says():
 
 
 @pytest.mark.slow
-def test_folds_of_doubled_gaits_begin_at_a_generalised_flip():
+def test_folds_of_doubled_gaits_begin_at_a_generalised_flip_where_branches_of_doubled_gaits_have_them():
     """With a = c x^2 + e x^4 they leave the period doublings like c^2: a straight line in the square of the halves."""
     runner = go.solve(go.load_problem("slip-run").replace({"friction": 4}), progress=False)
     doubles = continuation(runner, "walker.attack", radians(68.6), verify_every=0, progress=False)
@@ -353,6 +353,12 @@ def test_folds_of_doubled_gaits_begin_at_a_generalised_flip():
         squares.append(float(np.abs(first - second).max()) ** 2)
         along.append(flip.values["walker.stiffness"] - point.values["walker.stiffness"])
     assert along == pytest.approx([along[0] / squares[0] * square for square in squares], rel=0.05)
+    last = folds.points[-1]
+    value, found = last.values["walker.attack"], []
+    for side in (2e-5, -2e-5):
+        aside = continuation(last.gait, "walker.attack", value + side, max_points=20, verify_every=0, progress=False)
+        found += [abs(fold.value - value) for fold in aside.special("fold")]
+    assert min(found) < AGREEMENT
 
 
 # ---- walks that are interrupted
