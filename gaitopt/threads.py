@@ -44,7 +44,7 @@ def cached_method(
     @functools.wraps(method)
     def cached(owner: Owner, /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Value:
         results: dict[Any, Value] = vars(owner).setdefault(key, {})
-        given = (*args, *kwargs.values()) if kwargs else args
+        given = (*args, *sorted(kwargs.items())) if kwargs else args
         if given not in results:
             results.setdefault(given, method(owner, *args, **kwargs))
         return results[given]

@@ -219,15 +219,15 @@ class Conditioned:
 
     @cached_property
     def residual(self) -> Array:
-        """Values of the equations, that of the condition last."""
+        """Values of the equations; the last one is the value of the condition."""
         return np.append(self.solution.residual, self._equations.condition.value(self.solution))
 
     @cached_property
     def jacobian(self) -> SparseMatrix:
-        """Their derivative.
+        """Derivative of the equations by the unknowns.
 
-        That of the condition is a row in the entries y that define the curve, with the right product with every
-        direction in the surface.
+        The row of the condition has entries only at the unknowns y that define the curve. Its product with every
+        direction in the surface is the derivative of the condition along this direction.
         """
         plane = self.plane
         slopes = self._equations.condition.slopes(self.solution, plane)
@@ -257,7 +257,7 @@ class ConditionedEquations:
     Parameters
     ----------
     gaits : the equations of the gait.
-    indices, scales : of the entries y of the unknowns that define a curve of gaits.
+    indices, scales : indices and scales of those unknowns y that define a curve of gaits.
     """
 
     def __init__(self, gaits: GaitEquations, condition: Condition, indices: NDArray[np.intp], scales: Array) -> None:
@@ -328,7 +328,7 @@ class _MonitorSeries:
         return _quotient(-sign * end, self.period)
 
     def _at_start(self, name: str, phase: int) -> Array:
-        """What makes a slip or a flight begin: minus the margin of the mode before it, at its start."""
+        """The excess that starts a slip or a flight: minus the margin of the mode before it, at its start."""
         index = next(k for k, arc in enumerate(self.arcs) if arc.phase == phase)
         if phase - 1 in self.cycle.timed:
             mode = self.cycle.phases[phase - 1]

@@ -47,9 +47,9 @@ class Metric:
     ----------
     state : ndarray, shape (n_z,) - scale of each coordinate of the state after impact: its natural unit times the
         largest coordinate of the first gait in natural units.
-    period : of the first gait [s].
-    span : of the parameter.
-    others : spans of the parameters before it, which a curve on a surface has.
+    period : period of the first gait [s].
+    span : range of the parameter that has arclength one; that of the last parameter if there are two.
+    others : such ranges of the parameters before the last one; empty for a curve in one parameter.
     """
 
     state: Array
@@ -87,8 +87,8 @@ class CurvePoint:
     Attributes
     ----------
     curve : the curve.
-    problem : with the values of the parameters at this point.
-    point : its unknowns and tangent.
+    problem : the problem with the values of the parameters at this point.
+    point : the unknowns and the tangent at this point.
     """
 
     curve: "Curve"
@@ -306,12 +306,12 @@ class Curve:
 
     Attributes
     ----------
-    problem : with the modes of the curve.
-    parameter : dotted key of the parameter; that of the last one if there are two.
-    equations : with the parameters freed.
-    p : ndarray - values of all parameters; those of the free ones only decide the units of the equations.
+    problem : a problem with the modes of the curve.
+    parameter : dotted key of the free parameter; the key of the last one if two are free.
+    equations : the shooting equations, in which the parameters are free.
+    p : ndarray - values of all parameters; the values of the free ones only decide the units of the equations.
     metric : scales of arclength.
-    condition : what holds along a curve in two parameters.
+    condition : the condition that holds along a curve in two parameters; None for one parameter.
     """
 
     problem: Problem
@@ -389,8 +389,9 @@ def curve_through(
 
     Parameters
     ----------
-    others, condition : further free parameters, before the first one, and what holds along the curve.
-    intervals : of every arc, used if there are as many arcs.
+    others, condition : dotted keys of the free parameters before ``parameter``, and the condition that holds along the
+        curve.
+    intervals : number of intervals of every arc; ignored if the motion has another number of arcs.
     error : largest error of one interval in natural units.
     """
     start = rolled.on_mesh((*others, parameter), intervals, error=error)

@@ -125,7 +125,7 @@ def coefficients(local: LocalMap, kind: str, kappa: float = 0.0) -> dict[str, fl
         names = ("re_d", "im_d")
         if min(abs(multiplier.real - strong) for strong in STRONG) < RESONANT:
             return dict.fromkeys(names)
-        d = torus_coefficient(local, p, q, multiplier / abs(multiplier)) / scale
+        d = torus_coefficient(local, p, q, multiplier / abs(multiplier)) / complex(scale)
         return dict(zip(names, (d.real, d.imag), strict=True))
     if abs(scale) < RESONANT * np.linalg.norm(p) * np.linalg.norm(q):  # a double multiplier
         return {"b" if kind == "fold" else "c": None}

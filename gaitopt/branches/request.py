@@ -54,7 +54,7 @@ class Request(ContinueRequest):
     largest_length: float = LARGEST_LENGTH
 
     def begin(self, start: Gait | SpecialPoint) -> Gait | SpecialPoint:
-        """What is continued: the gait of a special point if the branch of that point is in another parameter."""
+        """The start of the continuation: the gait of a special point if its branch is in another parameter."""
         other = isinstance(start, SpecialPoint) and start.parameter not in ("", self.parameter)
         return start.gait if isinstance(start, SpecialPoint) and other and start.gait is not None else start
 

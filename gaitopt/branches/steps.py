@@ -174,7 +174,7 @@ class Steps(ABC, Generic[P, S]):
 
     @abstractmethod
     def _stuck(self) -> Iterator[P | S]:
-        """What follows if no step succeeds, also on a finer mesh."""
+        """The records with which the walk goes on or ends if no step succeeds, also on a finer mesh."""
 
     @abstractmethod
     def _at_bound(self, here: CurvePoint, point: CurvePoint, length: float) -> tuple[CurvePoint, float] | None:

@@ -13,7 +13,7 @@ too: that of a margin does, that of a bifurcation only if the multipliers are co
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, count, zip_longest
+from itertools import count, zip_longest
 from typing import Any
 
 import numpy as np
@@ -76,7 +76,8 @@ CONSTANT = 1e-9
 STRAY = 10.0
 """Largest distance of the first point with another mode sequence from the point before it, in step lengths."""
 DEGRADED = 1e-5
-"""Where a monitor is below this, as the duration of a phase that vanishes, rounding spoils the cubic coefficient."""
+"""Smallest value of a monitor, such as the duration of a vanishing phase, at which rounding does not spoil the cubic
+coefficient."""
 FALLEN = 1e-6
 """A monitor that was closer to zero than this before a step, and is below minus this after it, vanished before it."""
 AT_BOUND = 1e-9
@@ -206,20 +207,23 @@ def doubled_fold(point: CurvePoint) -> CurveStart | None:
     """
     curve, (first, second) = point.curve, point.at.equations.free
     plain = replace(curve.metric, others=(), span=curve.metric.others[0])
-    beginnings = (doubled_beginnings(point.gait, first, plain, (distance,)) for distance in HALVES_APART[::-1])
-    for doubled in chain.from_iterable(beginnings):
-        folds, w = curve_through(
-            doubled.problem, second, curve.metric, retraced(doubled.gait), others=(first,), condition=Eigenvalue(1.0)
-        )
-        apart = np.zeros(w.size)
-        apart[: point.gait.state.size] = doubled.gait.state - point.gait.state
-        normal = folds.solutions.coordinates(apart)
+    for distance in HALVES_APART[::-1]:
         try:
-            found = folds.with_gait(folds.solutions.across(w, normal / np.linalg.norm(normal)))
-        except ProblemError:  # out of range
+            for doubled in doubled_beginnings(point.gait, first, plain, (distance,)):
+                motion = retraced(doubled.gait)
+                folds, w = curve_through(
+                    doubled.problem, second, curve.metric, motion, others=(first,), condition=Eigenvalue(1.0)
+                )
+                apart = np.zeros(w.size)
+                apart[: point.gait.state.size] = doubled.gait.state - point.gait.state
+                normal = folds.solutions.coordinates(apart)
+                found = folds.with_gait(folds.solutions.across(w, normal / np.linalg.norm(normal)))
+                if found is None or halved_cycle(found.gait) is not None:
+                    continue
+                if all(monitor.value > 0 for monitor in found.monitors.values()):
+                    return CurveStart(type="fold", parameter=first, gait=found.gait)
+        except (ProblemError, SolveError, RuntimeError):  # out of range, or singular
             continue
-        if found is not None and halved_cycle(found.gait) is None and min(m.value for m in found.monitors.values()) > 0:
-            return CurveStart(type="fold", parameter=first, gait=found.gait)
     return None
 
 
@@ -255,8 +259,8 @@ def follow_curve(
 
     Parameters
     ----------
-    start : where it begins.
-    done : what is stored of the walk to each target, of an unfinished trace.
+    start : the special point from which the curve begins, or the start that another curve offers as ``next``.
+    done : the stored part of the walk to each target, if an unfinished trace is resumed.
 
     Raises
     ------
@@ -295,7 +299,7 @@ def traced_start(start: CurveStart | SpecialPoint, request: TraceRequest) -> Cur
     Raises
     ------
     UnknownNameError, ProblemError, SolveError
-        As ``follow_curve``.
+        If there is no such curve or parameter.
     """
     begin = curve_start(start) if isinstance(start, SpecialPoint) else start
     gait, first = _towards(request).first_gait(begin.gait), begin.parameter
@@ -325,10 +329,10 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
 
     Attributes
     ----------
-    start : where it begins.
+    start : the gait and the condition from which the curve begins.
     first, bounds : the parameter of the branch, and its bounds.
-    sign : of the first step in the second parameter.
-    stored : what is stored of it, if it was interrupted.
+    sign : sign of the first step in the second parameter.
+    stored : the stored part of the walk if it was interrupted; None for a new walk.
     number : number of the current curve.
     """
 
@@ -404,7 +408,7 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
 
     @property
     def kind(self) -> str:
-        """What the curve consists of: a bifurcation, or ``margin``."""
+        """The type of the points of the curve: a bifurcation, or ``margin``."""
         return self._condition.kind
 
     @property

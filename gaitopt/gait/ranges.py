@@ -29,8 +29,8 @@ class DesignRange:
     Attributes
     ----------
     key, lower, upper : dotted key of the parameter, and both ends of its range.
-    aggregate : what was minimised: the ``worst`` value of the objective over the range, its ``mean``, or the value
-        ``at`` one value of the parameter.
+    aggregate : the number that was minimised: the ``worst`` value of the objective over the range, its ``mean``, or the
+        value ``at`` one value of the parameter.
     at : value of the parameter at which the objective counts if ``aggregate`` is ``at``.
     objective : the minimised value; None if there is no objective, or no design.
     worst_at : value of the parameter at which the objective is largest.

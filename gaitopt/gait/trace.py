@@ -22,7 +22,7 @@ class CurveStart:
 
     Attributes
     ----------
-    type : what the gaits of the curve are: ``fold``, ``period_doubling``, ``neimark_sacker`` or ``margin``.
+    type : type of all gaits of the curve: ``fold``, ``period_doubling``, ``neimark_sacker`` or ``margin``.
     parameter : dotted key of the first parameter.
     gait : the gait.
     margin : kind, index of the phase (None for the impact that ends a step) and step of the margin that vanishes along
@@ -69,7 +69,7 @@ class TracePoint(ReadOnlyArrays):
     index : number of the point within its curve.
     values : both parameters by dotted key.
     gait : the gait with its motion.
-    condition : what vanishes along the curve, as in the record of a ``CurveStart``.
+    condition : the condition that holds along the curve, as in the record of a ``CurveStart``.
     tangent : ndarray - unit tangent of the curve in scaled section coordinates, durations and parameters.
     length : arclength to the next trial point.
     walk : state of the continuation at this point.

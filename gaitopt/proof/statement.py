@@ -63,7 +63,7 @@ LINK_NUMBERS = ("mass", "com", "inertia", "position", "tip", "foot_radius", "dam
 
 
 class Hypotheses(TypedDict, total=False):
-    """The printed statement of a theorem: its hypotheses, and what is not proved.
+    """The printed statement of a theorem: its hypotheses, and the claims that are not proved.
 
     Attributes
     ----------
@@ -71,10 +71,10 @@ class Hypotheses(TypedDict, total=False):
     texts : SHA-256 of the problem's text, and of every file that it names, by name.
     changed : values that replace those of the text, by dotted key.
     walker : model of the walker.
-    walker_data : for a robot from a file, the numbers of its links; for a walker or law from another package, its
-        module, distribution and version; for both, the SHA-256 of their CasADi expressions.
+    walker_data : numbers of the links of a robot from a file; module, distribution and version of a walker or law from
+        another package; and the SHA-256 of the CasADi expressions of either.
     friction, impact_law, mode_sequence : laws of the contact, and the modes.
-    cycle_end : what ends a cycle, if it is no landing: ``clock``, or the name of a margin.
+    cycle_end : the event that ends a cycle, unless it is a landing: ``clock``, or the name of a margin.
     control : type of the control law.
     law : values of the law's keys that are not parameters: durations, spans, tables, tracked curves.
     parameters : exact values by dotted key; an interval for the varying one.

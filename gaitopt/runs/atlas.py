@@ -65,12 +65,16 @@ if TYPE_CHECKING:
 Record = Mapping[str, Any]
 
 ATLAS_FILE = "atlas.json"
-ATLAS_JOBS = ResultFile(
-    name="atlas.jsonl",
-    key="job",
-    model=AtlasJobRecord,
-    is_outdated=lambda line: any("record" not in special for special in line.get("specials", ())),
-)
+
+
+def _is_outdated(line: Record) -> bool:
+    """Whether an earlier version wrote the line of a branch: its special points are no records."""
+    specials = line.get("specials")
+    records = specials if isinstance(specials, list) else []
+    return any(isinstance(special, dict) and "record" not in special for special in records)
+
+
+ATLAS_JOBS = ResultFile(name="atlas.jsonl", key="job", model=AtlasJobRecord, is_outdated=_is_outdated)
 STORED_POINTS = 9
 """Number of gaits of a segment that are stored: its two ends, and others evenly between them."""
 INSIDE = 1e-9

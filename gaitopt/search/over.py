@@ -50,7 +50,7 @@ MAX_ROUNDS = 20
 MAX_SEQUENCES = 12
 """Largest number of combinations of mode sequences that one design tries."""
 SMALLEST_GROWTH = 1 / 64
-"""Where the range cannot grow by this part of the difference to the whole range, it is the widest one."""
+"""The range is the widest one if it cannot grow by this part of its difference to the whole range."""
 BEFORE_END = 0.05
 """Distance of a scenario from the end of a family, as a part of the distance of the end from the own value."""
 ACROSS = (1e-3, 1e-2, 1e-1)
@@ -102,8 +102,8 @@ class _Family:
 
     Attributes
     ----------
-    gaits : by value of the parameter, in ascending order.
-    ends : the last values of the family where it does not cover the range, and what ends it there.
+    gaits : the gaits by value of the parameter, in ascending order.
+    ends : for each side on which the family does not cover the range, its last value and the reason of its end.
     """
 
     gaits: dict[float, Gait]
@@ -116,9 +116,9 @@ class _Control:
 
     Attributes
     ----------
-    own : its gait at the own value.
+    own : the gait of the control at the own value.
     values : values of the scenarios, the own value first.
-    optimum : the design; None for that of the own value alone.
+    optimum : the design over these values; None if only the own value was designed for.
     complete : whether the objective counted over the whole range, and not at the own value only.
     """
 
@@ -134,7 +134,7 @@ class _Search:
     Parameters
     ----------
     design : the problem at its own value, with the objective and all constraints.
-    single : its design.
+    single : the gait of the design at this value alone.
     """
 
     def __init__(self, design: Problem, over: Over, single: Gait, progress: Valued, should_stop: Stop) -> None:
@@ -336,7 +336,7 @@ class _Search:
         return added
 
     def _violations(self, gait: Gait, level: float | None) -> dict[str, float]:
-        """By how much a gait violates each constraint, relative to its bound; negative where it does not.
+        """The violation of each constraint by a gait, relative to its bound; negative if the constraint is met.
 
         Parameters
         ----------

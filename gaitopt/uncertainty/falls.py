@@ -42,9 +42,10 @@ FEWEST_BLOCKS, EMPTY_BLOCKS, PRECISE = 4, 8, 0.15
 it ends if no walk has fallen."""
 WALKS, FEWEST_WALKS, MOST_CELLS = 2000, 4, 1000
 """Number of weighted walks, the least one in a cell, and the largest number of cells."""
-CELL, WIDER, LEVELS = 0.3, 1.1, 8
-"""Size of a cell in standard deviations of the states, the factor by which it grows while there are too many, and the
-number of parts into which the distribution of each quantity of a tile is divided."""
+CELL, WIDER, WIDE, LEVELS = 0.3, 1.1, 4.0, 8
+"""Size of a cell in standard deviations of the states, the factor by which it grows while there are too many, the size
+above which the tiles are divided more coarsely too, and the number of parts of the distribution of each quantity of a
+tile up to this size."""
 SMALLEST_VARIANCE, SMALLEST_WEIGHT = 1e-16, 1e-150
 """A direction with a smaller variance, in natural units, is none; a walk with a smaller weight is left out."""
 MOST_COORDINATES = 4
@@ -178,7 +179,7 @@ def _cells(y: Array, s: Array, w: Array, most: int) -> NDArray[np.intp]:
     varied = variances > SMALLEST_VARIANCE
     along, size = deviations @ directions[:, varied] / np.sqrt(variances[varied]), CELL
     while True:
-        rows = np.floor(np.hstack([along / size, s * LEVELS])).astype(np.intp)
+        rows = np.floor(np.hstack([along / size, s * LEVELS * min(1.0, WIDE / size)])).astype(np.intp)
         _, cells = np.unique(rows, axis=0, return_inverse=True)
         if cells.max() < most:
             return cells.ravel()

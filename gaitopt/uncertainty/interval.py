@@ -24,8 +24,8 @@ class Interval:
 
     Attributes
     ----------
-    low, high : its ends; None where it goes on beyond the values that were looked at.
-    low_end, high_end : type of the special point at each end; ``none`` where there is none.
+    low, high : ends of the interval; None on a side on which it goes on beyond all values that were computed.
+    low_end, high_end : type of the special point at each end; ``none`` if there is no end.
     """
 
     low: float | None
@@ -47,7 +47,7 @@ def stable_interval(gait: Gait, key: str, *, should_stop: Stop = None) -> Interv
 
 
 def _target(gait: Gait, key: str, value: float, sign: int) -> float | None:
-    """The value to which the gait is followed on one side; None if the problem allows none there."""
+    """The value to which the gait is followed on one side; None if the problem allows no value there."""
     objection: Callable[[str, float], str | None] = gait.problem.objection
     if key.startswith("friction"):
         wanted: tuple[float, ...] = (0.0, SMALLEST * value) if sign < 0 else (max(LARGEST_FRICTION, REACH * value),)
@@ -58,7 +58,7 @@ def _target(gait: Gait, key: str, value: float, sign: int) -> float | None:
 
 
 def _end(gait: Gait, key: str, target: float | None, should_stop: Stop) -> tuple[float | None, str]:
-    """Where stable gaits end on the way to a target, and the type of that point."""
+    """The value at which stable gaits end on the way to a target, and the type of that point."""
     if target is None:
         return None, NONE
     last, passed = gait.dynamics.parameter(key) if key in gait.system.parameters else target, list[SpecialPoint]()

@@ -288,6 +288,15 @@ def test_the_metastable_eigenvalue_of_a_wheel_is_that_by_quadrature(most, mean, 
     assert high / low < 4  # with cells of the size that is used
 
 
+@pytest.mark.parametrize(("coordinates", "quantities"), [(2, 1), (4, 2), (4, 3)])
+def test_a_mesh_has_at_most_the_allowed_number_of_cells(coordinates, quantities):
+    """Also where the tiles, which are divided into eight parts per quantity, would have more cells of their own."""
+    random, walks = np.random.default_rng(1), 2 * falls_module.WALKS
+    states, tiles = random.standard_normal((walks, coordinates)), random.random((walks, quantities))
+    cells = falls_module._cells(states, tiles, np.full(walks, 1 / walks), falls_module.MOST_CELLS)
+    assert falls_module.MOST_CELLS / 4 < cells.max() + 1 <= falls_module.MOST_CELLS
+
+
 @needs_heyoka
 def test_an_eigenvalue_that_is_not_known_has_a_reason(monkeypatch):
     monkeypatch.setattr(falls_module, "TRANSIENT", 0)
