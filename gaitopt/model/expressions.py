@@ -224,8 +224,7 @@ class Expressions:
         before : mode just before it.
         """
         walker, landing = self.walker, tuple(name for name in mode.touching if name not in before.touching)
-        if walker.stops and not mode.stops:
-            mode = walker.held_in_impact(mode, before)
+        mode = walker.held_in_impact(mode, before)
         pushing = tuple(name for name in walker.pushing() if landing and name in before.touching)
         pushed, key = self.push(before)[1] if pushing else None, (mode, landing, pushing)
         if key not in self._impacts:

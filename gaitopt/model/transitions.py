@@ -819,7 +819,7 @@ class Transitions:
         landing = [name for name in mode.touching if name not in before.touching]
         if not landing and (not mode.stops or mode.locked == before.locked):
             return []
-        struck = self.walker.held_in_impact(mode, before) if self.walker.stops and not mode.stops else mode
+        struck = self.walker.held_in_impact(mode, before)
         shares, massless = shares_of(self.walker, struck), self.walker.weightless()
         shared = {contact for share in shares for _, contact in share}
         rows = [self._row(self.name("touchdown_rate", name)) for name in landing]

@@ -316,7 +316,12 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def held_in_impact(cls, contacts: Mode, before: Mode) -> Mode:
-        """The contacts just after the impact that ends a step, with the stops that stay locked during its impulse."""
+        """The contacts just after the impact that ends a step, with the stops that stay locked during its impulse.
+
+        The modes of other impacts state their stops, and are returned as they are.
+        """
+        if contacts.stops or not cls.stops:
+            return contacts
         locked = [name for name in before.locked if name not in cls.open_in_impact]
         return Mode.of(contacts, {name: STOP_STATES[name in locked] for name in cls.stops})
 

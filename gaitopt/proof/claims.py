@@ -551,8 +551,9 @@ def _impact_margins(orbit: Orbit, struck: Mode, j: int, y: Sequence[arb]) -> dic
     NotProved
         If constraints of the impact are left out that are not shown to be dependent.
     """
-    dependent_contacts(orbit.system.walker, struck)
-    names = orbit.system.transitions.impact_margin_names(struck, orbit.arcs[j].mode)
+    walker, before = orbit.system.walker, orbit.arcs[j].mode
+    dependent_contacts(walker, walker.held_in_impact(struck, before))
+    names = orbit.system.transitions.impact_margin_names(struck, before)
     return dict(zip(names, orbit.impact(struck, j)(y)[0], strict=True))
 
 

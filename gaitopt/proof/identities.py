@@ -21,7 +21,7 @@ from math import prod
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, densify, det, jacobian, ldl, ldl_solve, reshape, vertcat, vertsplit
+from casadi import SX, Function, densify, det, ldl, ldl_solve, reshape, vertcat, vertsplit
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
 from gaitopt.building import built_once
@@ -155,8 +155,9 @@ def rigid_pairs(walker: type[Walker]) -> frozenset[frozenset[str]]:
     for one, other in combinations(walker.contacts, 2):
         a, b = eom.contacts[one], eom.contacts[other]
         identity = (a.position - b.position).T @ (a.J - b.J)
-        heights = vertcat(a.J[1, :] - jacobian(a.position[1], eom.q), b.J[1, :] - jacobian(b.position[1], eom.q))
-        if vanishes_identically(vertcat(identity, heights), symbols):
+        stated = ((eom.mechanism.contacts[name].gap, eom.contacts[name].position[1]) for name in (one, other))
+        gaps = vertcat(SX(0, 1), *(gap - height for gap, height in stated if gap is not None))
+        if vanishes_identically(vertcat(identity.T, gaps), symbols):
             pairs.append(frozenset((one, other)))
     return frozenset(pairs)
 

@@ -18,6 +18,7 @@ from gaitopt.proof import identities  # noqa: E402
 from gaitopt.proof.arithmetic import NotProved, precision  # noqa: E402
 from gaitopt.proof.certificate import sha256  # noqa: E402
 from gaitopt.proof.check import check  # noqa: E402
+from gaitopt.proof.claims import _impact_margins  # noqa: E402
 from gaitopt.proof.identities import (  # noqa: E402
     dependent_contacts,
     is_possible,
@@ -96,6 +97,31 @@ class Split(Sledge):
     apart: ClassVar[float] = 0.0
 
 
+class Raised(Sledge):
+    """Its toe lands 1 cm above the ground, where the tangential row of the toe is not that of the heel."""
+
+    model = "raised"
+
+    @classmethod
+    def mechanism(cls, q, p):
+        """The mechanism with another gap of the toe."""
+        mechanism = super().mechanism(q, p)
+        toe = mechanism.contacts["toe"].position
+        return replace(mechanism, contacts={**mechanism.contacts, "toe": Contact(position=toe, gap=toe[1] - 0.01)})
+
+
+class Latched(Sledge):
+    """A latch can hold the distance of its parts, which both contacts hold too if they stick."""
+
+    model = "latched"
+    stops = ("latch",)
+
+    @classmethod
+    def mechanism(cls, q, p):
+        """The mechanism with a stop."""
+        return replace(super().mechanism(q, p), stops={"latch": q.gap})
+
+
 SLIP, STICK = (
     "{heel: slip_forward, toe: slip_forward, front: stick}",
     "{heel: stick, toe: stick, front: stick}",
@@ -171,6 +197,26 @@ def test_a_condition_of_the_section_that_is_left_out_follows_from_the_others():
         for left_out, kept in ((section.conditions, section.conditions), (section.left_out, velocity_only)):
             with pytest.raises(NotProved, match="a condition of its section is left out"):
                 require_conditions(Sledge, SimpleNamespace(left_out=left_out, conditions=kept))
+
+
+def test_contacts_that_land_above_the_ground_are_not_of_one_part():
+    both = Mode.of_contacts(dict.fromkeys(Sledge.contacts, "stick"))
+    with precision():
+        assert rigid_pairs(Sledge) == {frozenset(("heel", "toe"))}
+        assert rigid_pairs(Raised) == frozenset()
+        with pytest.raises(NotProved, match="without being one rigid part"):
+            dependent_contacts(Raised, both)
+
+
+def test_a_stop_that_an_impact_holds_is_not_left_out():
+    """The mode of an impact that ends a step states no stops; its structure is that with the stops that it holds."""
+    struck = Mode.of_contacts(dict.fromkeys(Sledge.contacts, "stick"))
+    before = Mode.of(struck, {"latch": "locked"})
+    orbit = SimpleNamespace(system=SimpleNamespace(walker=Latched), arcs=[SimpleNamespace(mode=before)])
+    with precision():
+        assert dependent_contacts(Latched, struck) == ("toe",)
+        with pytest.raises(NotProved, match="latch share their forces in"):
+            _impact_margins(orbit, struck, 0, [])
 
 
 def test_contacts_that_share_normal_forces_are_refused():
