@@ -24,7 +24,7 @@ from gaitopt.branches.request import Request
 from gaitopt.branches.trace import MARGINS, curve_start, follow_curve
 from gaitopt.callbacks import Stop
 from gaitopt.display import Reported, counted
-from gaitopt.errors import ArgumentError, ProblemError, SolveError, StorageError
+from gaitopt.errors import ArgumentError, ProblemError, SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Gait
@@ -189,14 +189,8 @@ def read_atlas(place: Path) -> Atlas:
     run = Run.at(place)
     stated = validated(AtlasRecord, run.read_object(ATLAS_FILE), place / ATLAS_FILE)
     grid = validated(Grid, {"axes": stated["over"]}, place / ATLAS_FILE)
-    lines = {line["job"]: line for line in run.lines(ATLAS_JOBS.name)}
-    for number, line in enumerate(lines.values(), start=1):
-        ATLAS_JOBS.check(line, run.path(ATLAS_JOBS.name), number)
-    missing = [key for key in stated["jobs"] if key not in lines]
-    if missing:
-        raise StorageError(f"{run.path(ATLAS_JOBS.name)} lacks the branch with the key {missing[0]}; it is unchanged")
     first, second = grid.axes
-    return _assembled(run.problem(), (first, second), [lines[key] for key in stated["jobs"]], place)
+    return _assembled(run.problem(), (first, second), ATLAS_JOBS.finished(run, stated["jobs"]), place)
 
 
 def _assembled(problem: Problem, axes: tuple[Axis, Axis], records: Sequence[Record], place: Path) -> Atlas:

@@ -25,7 +25,7 @@ from gaitopt.requests import Method, Request
 from gaitopt.search.find import Gaits, SearchPlan, search
 from gaitopt.search.scan import NO_FIXED_POINT, possible_gaits, scanned
 from gaitopt.search.solve import solve
-from gaitopt.store.formats import validated
+from gaitopt.store.formats import damaged, validated
 from gaitopt.store.run import Run
 from gaitopt.verification.verify import verify
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers
@@ -125,10 +125,12 @@ class ResultFile:
     is_outdated: Callable[[Mapping[str, Any]], bool] | None = None
 
     def check(self, record: Mapping[str, Any], path: Path, number: int, **context: Any) -> None:
-        """Raise a StorageError that names the line if a record does not match the type, or is outdated."""
+        """Raise a StorageError if a record does not match the type or lacks its key, or if it is outdated."""
         if self.is_outdated is not None and self.is_outdated(record):
             raise StorageError(f"{path.parent} was written by an earlier version: delete it and repeat the command")
         validated(self.model, record, path, number, **context)
+        if self.key not in record:
+            raise damaged(path, f"{self.key}: is missing", number)
 
     @contextmanager
     def opened(self, run: Run, problem: Problem) -> Iterator[Stored]:
@@ -161,9 +163,10 @@ class ResultFile:
         StorageError
             If a result is missing or does not match its type.
         """
-        results = {record[self.key]: record for record in run.lines(self.name)}
-        for number, record in enumerate(results.values(), start=1):
-            validated(self.model, record, run.path(self.name), number)
+        results = dict[str, Any]()
+        for number, record in enumerate(run.lines(self.name), start=1):
+            self.check(record, run.path(self.name), number)
+            results[record[self.key]] = record
         missing = [key for key in keys if key not in results]
         if missing:
             raise StorageError(f"{run.path(self.name)} lacks the result with the key {missing[0]}; it was not changed")

@@ -89,6 +89,14 @@ def test_a_folder_of_an_earlier_version_is_refused(tmp_path) -> None:
         ATLAS_JOBS.check(line, tmp_path / ATLAS_JOBS.name, 1)
 
 
+@pytest.mark.parametrize(
+    ("line", "words"), [({"at": {}, "gait": None}, "job: is missing"), ({"specials": 5}, "specials")]
+)
+def test_a_line_without_its_key_or_with_another_type_is_named(line, words, tmp_path) -> None:
+    with pytest.raises(StorageError, match=f":3 .*{words}"):
+        ATLAS_JOBS.check(line, tmp_path / ATLAS_JOBS.name, 3)
+
+
 @pytest.mark.slow
 def test_a_branch_has_the_doubled_gaits_of_its_period_doublings() -> None:
     problem = go.load_problem("compass-passive-a")
