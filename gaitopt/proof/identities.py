@@ -21,7 +21,7 @@ from math import prod
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, densify, det, ldl, ldl_solve, reshape, vertcat, vertsplit
+from casadi import SX, Function, densify, det, ldl, ldl_solve, reshape, symvar, vertcat, vertsplit
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
 from gaitopt.building import built_once
@@ -147,7 +147,7 @@ def vanishes_identically(expression: SX, symbols: SX) -> bool:
 
 @built_once(maxsize=64)
 def rigid_pairs(walker: type[Walker]) -> frozenset[frozenset[str]]:
-    """The pairs of contacts for which the identity of this module holds and whose gap is their height."""
+    """The pairs of contacts for which the identity of this module holds."""
     eom = equations_of_motion(walker)
     symbols, pairs = vertcat(eom.q, eom.p), list[frozenset[str]]()
     if not eom.q.is_valid_input():  # the base point stays on the ground
@@ -155,9 +155,7 @@ def rigid_pairs(walker: type[Walker]) -> frozenset[frozenset[str]]:
     for one, other in combinations(walker.contacts, 2):
         a, b = eom.contacts[one], eom.contacts[other]
         identity = (a.position - b.position).T @ (a.J - b.J)
-        stated = ((eom.mechanism.contacts[name].gap, eom.contacts[name].position[1]) for name in (one, other))
-        gaps = vertcat(SX(0, 1), *(gap - height for gap, height in stated if gap is not None))
-        if vanishes_identically(vertcat(identity.T, gaps), symbols):
+        if vanishes_identically(identity, symbols):
             pairs.append(frozenset((one, other)))
     return frozenset(pairs)
 
@@ -194,6 +192,20 @@ def dependent_contacts(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
         words = f"{' and '.join(structure.group)} share their forces in {mode.brief}, without being one rigid part"
         raise NotProved(f"{walker.model}: {words}; proofs do not cover that")
     return dependent
+
+
+def require_heights(walker: type[Walker]) -> None:
+    """Require that the contacts land where their heights fall to zero.
+
+    Raises
+    ------
+    NotProved
+        If the gap of a contact is not shown to be its height.
+    """
+    for name, contact in equations_of_motion(walker).mechanism.contacts.items():
+        difference = SX(0) if contact.gap is None else contact.gap - contact.position[1]
+        if not vanishes_identically(difference, vertcat(SX(0, 1), *symvar(difference))):
+            raise NotProved(f"{walker.model}: the gap of {name} is not its height; proofs do not cover that")
 
 
 def require_conditions(walker: type[Walker], section: Section) -> None:

@@ -47,7 +47,13 @@ from gaitopt.proof.certificate import (
     OrbitRecord,
     sha256,
 )
-from gaitopt.proof.identities import dependent_contacts, is_rigid, modes_of_contacts, require_conditions
+from gaitopt.proof.identities import (
+    dependent_contacts,
+    is_rigid,
+    modes_of_contacts,
+    require_conditions,
+    require_heights,
+)
 from gaitopt.proof.law import ExactLaw, exact_law, exact_piece
 from gaitopt.proof.orbit import Orbit, OrbitArc, TiltedBox
 
@@ -395,6 +401,7 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
         raise NotProved(f"{name}: the feet swap roles within the cycle; proofs cover landings that end a step")
     if walker.stands_on_one() and problem.cycle_end != TOUCHDOWN:
         raise NotProved(f"{name}: its cycle ends without a landing; proofs of one foot do not cover that")
+    require_heights(walker)
     for mode in problem.cycle.phases:
         for other in modes_of_contacts(system, mode) if walker.contacts else (mode,):
             dependent_contacts(walker, other)
