@@ -15,7 +15,7 @@ from gaitopt.gait import curves
 from gaitopt.gait.shares import share_bounds
 from gaitopt.gait.trajectory import Arc, Step, along, push_work
 from gaitopt.model.buffered import buffered
-from gaitopt.model.contacts import undetermined
+from gaitopt.model.contacts import undetermined_groups
 from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.declaration import joint_limits
 from gaitopt.model.modes import Mode
@@ -90,8 +90,9 @@ class ContactObservation:
 
 def sharing_contacts(walker: type[Walker], mode: Mode) -> tuple[tuple[str, ...], ...]:
     """The contacts on the ground, each alone but for those that share undetermined forces, which come first."""
-    group = undetermined(walker, mode)
-    return (*([group] if group else []), *((name,) for name in mode.touching if name not in group))
+    groups = undetermined_groups(walker, mode)
+    alone = [name for name in mode.touching if not any(name in group for group in groups)]
+    return (*groups, *((name,) for name in alone))
 
 
 def touching_contacts(arc: Arc, observed: Observation) -> Iterator[ContactObservation]:

@@ -594,6 +594,17 @@ def undetermined(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
     return constraint_structure(walker, mode).group
 
 
+def undetermined_groups(walker: type[Walker], mode: Mode) -> tuple[tuple[str, ...], ...]:
+    """The contacts whose forces are undetermined in a mode, in groups that share no forces with each other."""
+    structure, groups = constraint_structure(walker, mode), list[set[str]]()
+    for column in structure.nulls.T:
+        names = {structure.constraints[k][0] for k in np.flatnonzero(column)}
+        names |= set().union(*(group for group in groups if group & names))
+        groups = [*(group for group in groups if not group & names), names]
+    touching = (tuple(name for name in mode.touching if name in group) for group in groups)
+    return tuple(names for names in touching if names)  # stops may share forces among themselves
+
+
 def shares_of(walker: type[Walker], mode: Mode) -> tuple[tuple[tuple[str, str], ...], ...]:
     """Parts of the margins of the groups of contacts whose forces are undetermined; see ``Share``."""
     structure = constraint_structure(walker, mode)

@@ -11,6 +11,7 @@ flint = pytest.importorskip("flint")
 from flint import arb  # noqa: E402
 
 import gaitopt as go  # noqa: E402
+from gaitopt.gait.measures import sharing_contacts  # noqa: E402
 from gaitopt.model.mechanism import Body, Contact, Damper, Mechanism, inclined  # noqa: E402
 from gaitopt.model.modes import Mode  # noqa: E402
 from gaitopt.model.walkers.crawler import Crawler  # noqa: E402
@@ -124,6 +125,25 @@ class Latched(Sledge):
         return replace(super().mechanism(q, p), stops={"latch": q.gap})
 
 
+class Twin(Sledge):
+    """A sledge whose front can tilt on two contacts too."""
+
+    model = "twin"
+    shape = ("gap", "tilt", "rise", "pitch")
+    contacts = ("heel", "toe", "front", "nose")
+
+    @classmethod
+    def mechanism(cls, q, p):
+        """The mechanism with another contact."""
+        mechanism = super().mechanism(q, p)
+        nose = mechanism.contacts["front"].position + 0.1 * vertcat(cos(q.pitch), -sin(q.pitch))
+        return replace(
+            mechanism,
+            bodies=(*mechanism.bodies, Body(mass=p.front_mass, position=nose)),
+            contacts={**mechanism.contacts, "nose": Contact(position=nose)},
+        )
+
+
 SLIP, STICK = (
     "{heel: slip_forward, toe: slip_forward, front: stick}",
     "{heel: stick, toe: stick, front: stick}",
@@ -168,6 +188,15 @@ def test_one_tangential_constraint_of_a_foot_follows_from_the_other():
         assert dependent_contacts(walker, flat(toe="off", swing_toe="off")) == ()
         assert not is_possible(walker, flat(toe="slip_forward"))
         assert is_possible(walker, flat(toe="off", heel="slip_forward"))
+
+
+def test_two_rigid_parts_share_no_forces_with_each_other():
+    """The friction that they require is that of each part, not that of the sum of both."""
+    mode = Mode.of_contacts(dict.fromkeys(Twin.contacts, "stick"))
+    with precision():
+        assert dependent_contacts(Twin, mode) == ("toe", "nose")
+    assert sharing_contacts(Twin, mode) == (("heel", "toe"), ("front", "nose"))
+    assert sharing_contacts(Twin, mode.with_states({"front": "off"})) == (("heel", "toe"), ("nose",))
 
 
 def test_a_constraint_that_samples_leave_out_wrongly_is_refused(monkeypatch):
