@@ -14,9 +14,9 @@ stand for one walk of 1e20:
     fall         1 - eigenvalue = the weight of the walks that fall; they are removed, and the rest is scaled to one
     resampling   in each cell, equally many walks are drawn from its walks, and share the weight of the cell equally
 
-The result is right for every mesh; a good one only makes it precise. Huber & Kim (1996), Biophysical J. 70, 97-110;
-Zhang, Jasnow & Zuckerman (2010), J. Chem. Phys. 132, 054107. Tiles near the ends of their distribution are drawn more
-often, with smaller weights.
+With many walks the result is right for every mesh; a good one only makes it precise. Huber & Kim (1996), Biophysical
+J. 70, 97-110; Zhang, Jasnow & Zuckerman (2010), J. Chem. Phys. 132, 054107. Tiles near the ends of their distribution
+are drawn more often, with smaller weights.
 """
 
 from typing import Any
@@ -39,7 +39,7 @@ TRANSIENT, BLOCK, MOST_BLOCKS = 60, 40, 20
 and largest number of blocks."""
 FEWEST_BLOCKS, EMPTY_BLOCKS, PRECISE = 4, 8, 0.15
 """Blocks after which the search ends as soon as the logarithm of the mean is known to this precision, and after which
-it ends if no walk has fallen."""
+it ends if no walk has fallen, or goes on with a mesh."""
 WALKS, FEWEST_WALKS, MOST_CELLS = 2000, 4, 1000
 """Number of weighted walks, the least one in a cell, and the largest number of cells."""
 CELL, WIDER, WIDE, LEVELS = 0.3, 1.1, 4.0, 8
@@ -116,7 +116,7 @@ def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: S
         z, under = np.tile(gait.state, (WALKS, 1)), random.random((WALKS, len(names)))
         w, group = _tile_weights(under), FEWEST_WALKS
         w, falls, n = w / w.sum(), list[float](), 0
-        while not _is_enough(falls, FEWEST_BLOCKS if most_cells == 1 else MOST_BLOCKS):
+        while not _is_enough(falls, EMPTY_BLOCKS if most_cells == 1 else MOST_BLOCKS):
             if should_stop is not None and should_stop():
                 raise KeyboardInterrupt
             strata = random.permuted(np.tile(np.arange(group), (len(w) // group, len(names), 1)), axis=2)
