@@ -193,20 +193,18 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
         follow = {**self.request.follow, kind: self.request.follow[kind] - 1}
         return replace(self, request=replace(self.request, follow=follow), begin=begin, number=number)
 
-    def _stuck(self) -> Iterator[BranchPoint | SpecialPoint]:
-        rescued = _rescued(self.point)
-        if rescued is None and (vanishing := self._short_phase()) is not None:
-            yield from self._change(*vanishing)
-            return
-        if rescued is None:
-            radius = self.point.gait.spectral_radius or 0.0
-            reason = "neither Newton's method, also on a finer mesh, nor IPOPT nor the simulator finds the next gait"
-            if radius > SENSITIVE_RADIUS:
-                reason += f"; a cycle magnifies disturbances, also of rounding, by {radius:.1e}"
-            yield self._special("end", self.point, "guess", reason)
-            return
-        self.point, self.index, self.length = rescued, self.index + 1, FIRST_LENGTH
-        yield from self._point_records()
+    def _rescued(self) -> bool:
+        found = _found_otherwise(self.point)
+        if found is not None:
+            self.point, self.index, self.length = found, self.index + 1, FIRST_LENGTH
+        return found is not None
+
+    def _stuck(self) -> SpecialPoint:
+        radius = self.point.gait.spectral_radius or 0.0
+        reason = "neither Newton's method, also on a finer mesh, nor IPOPT nor the simulator finds the next gait"
+        if radius > SENSITIVE_RADIUS:
+            reason += f"; a cycle magnifies disturbances, also of rounding, by {radius:.1e}"
+        return self._special("end", self.point, "guess", reason)
 
     def _at_bound(self, here: CurvePoint, point: CurvePoint, length: float) -> tuple[CurvePoint, float] | None:
         bound = self.request.crossed(here.value, point.value)
@@ -354,7 +352,7 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
         )
 
 
-def _rescued(point: CurvePoint) -> CurvePoint | None:
+def _found_otherwise(point: CurvePoint) -> CurvePoint | None:
     """A gait with the same modes past a point at which Newton's method fails, if IPOPT or the simulator finds one."""
     curve, system = point.curve, point.gait.system
     ahead = float(np.sign(point.tangent[-1])) or 1.0

@@ -89,7 +89,12 @@ class Steps(ABC, Generic[P, S]):
             if step is None:
                 self.point = here
         if step is None:
-            yield from self._stuck()
+            if self._rescued():
+                yield from self._point_records()
+            elif (vanishing := self._short_phase()) is not None:
+                yield from self._change(*vanishing)
+            else:
+                yield self._stuck()
             return
         here = self.point
         length, point, event = step
@@ -172,9 +177,13 @@ class Steps(ABC, Generic[P, S]):
     def _is_end(self, record: P | S) -> bool:
         """Whether nothing follows a record."""
 
+    def _rescued(self) -> bool:
+        """Whether a method other than Newton's finds the next point, to which the walk then goes."""
+        return False
+
     @abstractmethod
-    def _stuck(self) -> Iterator[P | S]:
-        """The records with which the walk goes on or ends if no step succeeds, also on a finer mesh."""
+    def _stuck(self) -> S:
+        """The end of the walk where no step succeeds, also on a finer mesh, and no short phase vanishes."""
 
     @abstractmethod
     def _at_bound(self, here: CurvePoint, point: CurvePoint, length: float) -> tuple[CurvePoint, float] | None:

@@ -417,13 +417,9 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         assert condition is not None
         return condition
 
-    def _stuck(self) -> Iterator[TracePoint | TraceSpecial]:
-        vanishing = self._short_phase()
-        if vanishing is not None:
-            yield from self._change(*vanishing)
-            return
+    def _stuck(self) -> TraceSpecial:
         words = "Newton's method finds no next gait, also on a finer mesh"
-        yield replace(self._special("end", self.point, "guess", words), codimension=1)
+        return replace(self._special("end", self.point, "guess", words), codimension=1)
 
     def _lost(self, before: CurvePoint, after: CurvePoint) -> list[MonitorKey]:
         """Monitors that vanish on a step; not those that are zero along the whole curve."""
