@@ -416,16 +416,13 @@ def _tree(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[np.intp]]:
         members = [other for other in links.links if carrier(other) is link]
         masses = np.array([number(other.mass)[0] for other in members])
         coms = np.array([within(other, other.com) for other in members])
-        inertia = sum(number(other.inertia)[0] for other in members)
+        inertia = float(sum(number(other.inertia)[0] for other in members))
         if not masses.sum() > 0:
             raise ProblemError(f"{gait.problem.name}: {link.name} moves, but has no mass; an engine needs one")
-        com = masses @ coms / masses.sum()
-        inertia += float(masses @ ((coms - com) ** 2).sum(axis=1))
         parent = -1 if link.parent is None else order[carrier(by_name[link.parent]).name]
         position = ORIGIN if link.parent is None else within(by_name[link.parent], link.position)
         rotor = float(number(link.rotor_inertia)[0])
-        stated = _point(position), float(masses.sum()), _point(com), float(inertia), rotor
-        bodies.append(Body(link.name, parent, *stated))
+        bodies.append(Body(link.name, parent, _point(position), *_combined(masses, coms, inertia), rotor))
     feet = [
         Foot(order[carrier(link).name], _point(within(link, link.tip)), float(number(link.foot_radius)[0]))
         for link in (links.stance, links.swing)
@@ -481,63 +478,49 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
 
     at = points(poses)
     first, links = _rigid_links(at)
-    distances = np.linalg.norm(at[0, :, None] - at[0], axis=2)
-    close = RIGID * distances.max()
-    partner = first
+    close = RIGID * np.linalg.norm(at[0, :, None] - at[0], axis=2).max()
+    slides = all(np.ptp(at[:, link] - at[:, link[:1]], axis=0).max() < close for link in links)
+    partner, root, centre = first, links[0], int(first[base])
     if swaps:
         relabelled = Function("relabelled", [q, fields], [vertcat(mechanism.relabel, mechanism.swing_foot)])
         after = points([np.asarray(relabelled(pose, p)).ravel() for pose in poses])
         partner = first[np.linalg.norm(at[:, :, None] - after[:, None], axis=3).max(axis=0).argmin(axis=1)]
-    slides = all(np.ptp(at[:, link] - at[:, link[:1]], axis=0).max() < close for link in links)
-    root, centre = links[0], first[base]
-    if swaps:
         meeting = [(link, {*link} & {*partner[link]}) for link in links]
-        root, centre = next(((link, min(ends)) for link, ends in meeting if ends), (root, centre))
-    placed, left = [(root, int(centre), -1)], [link for link in links if link is not root]
-    used = {*root}
-    while found := next((link for link in left if slides or len({*link} & used) == 1), None):
-        hinge = max(found) if slides else min({*found} & used)
-        parent = 0 if slides else next(k for k, (link, _, _) in enumerate(placed) if hinge in link)
-        placed.append((found, hinge, parent))
-        left.remove(found)
-        used |= {*found}
-    partners = [next((j for j, (other, *_) in enumerate(placed) if {*other} == {*partner[link]}), -1)
-                for link, *_ in placed] if swaps else [*range(len(placed))]  # fmt: skip
-    joined = not left and used == {*first} and placed[0][1] in root and -1 not in partners
-    if not joined or (swaps and any(partner[placed[k][1]] != placed[j][1] for k, j in enumerate(partners))):
+        root, centre = next(((link, int(min(ends))) for link, ends in meeting if ends), (root, centre))
+    placed, partners = _order(links, root, centre, partner, slides)
+    if -1 in partners or {j for link, *_ in placed for j in link} != {*first}:
         words = "form neither links that are joined at hinges nor bodies that do not turn; an engine needs that"
         raise ProblemError(f"{name}: the bodies and contacts of a {walker.model} {words}")
-    moves, made, feet, ends = list[SX](), list[Body](), dict[int, Foot](), list[tuple[int, float]]()
-    spinning = np.zeros(n_bodies, dtype=int)
-    within = list[dict[int, Array]]()
-    friction, largest = gait.system.contact_coefficients(gait.dynamics.p), largest_friction(gait)
-    for k, (link, centre, parent) in enumerate(placed):
-        turn = 0.0
-        if slides:
-            moves += [positions[centre] - positions[base]] if k else []
-        else:
-            far = link[int(np.argmax(distances[centre, link]))]
-            sign = 1.0 if at[0, far, 1] > at[0, centre, 1] else -1.0
-            if partners[k] < k:  # the frame is that of its partner
-                far, sign = int(partner[ends[partners[k]][0]]), ends[partners[k]][1]
-            ends.append((far, sign))
-            along = sign * (positions[far] - positions[centre])
-            moves.append(atan2(along[0], along[1]))
-            turn = float(np.arctan2(*(sign * (at[0, far] - at[0, centre]))))
-        frame = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        within.append({j: frame @ (at[0, j] - at[0, centre]) for j in link})
-        own = [j for j in range(n_bodies) if first[j] in link and not any(first[j] in other for other in within[:k])]
+    axes = [] if slides else _axes(placed, partners, partner, at[0])
+    frames = [_turned(*(sign * (at[0, far] - at[0, near]))) for near, far, sign in axes] or [np.eye(2)] * len(placed)
+    carrier = {j: k for k, (link, *_) in reversed([*enumerate(placed)]) for j in link}  # the first link with the point
+
+    def within(k: int, j: int) -> Array:
+        """Point j in the frame of link k."""
+        return frames[k] @ (at[0, first[j]] - at[0, placed[k][1]])
+
+    def carried(j: int) -> tuple[int, tuple[float, float]]:
+        return carrier[int(first[j])], _point(within(carrier[int(first[j])], j))
+
+    bodies = list[Body]()
+    spinning = np.array([carrier[int(k)] for k in first[:n_bodies]])
+    for k, (_, hinge, parent) in enumerate(placed):
+        own = np.flatnonzero(spinning == k)
         if not masses[own].sum() > 0:
             raise ProblemError(f"{name}: a link of a {walker.model} has no mass; an engine needs one")
-        spinning[own] = k
-        com = sum((masses[j] * within[k][first[j]] for j in own), np.zeros(2)) / masses[own].sum()
-        inertia = sum(inertias[j] + masses[j] * ((within[k][first[j]] - com) ** 2).sum() for j in own)
-        position = ORIGIN if parent < 0 or slides else _point(within[parent][centre])
-        made.append(Body(f"link{k}", parent, position, float(masses[own].sum()), _point(com), float(inertia), 0.0))
-        for j, foot in enumerate(walker.contacts or (FOOT, FOOT), start=n_bodies):
-            if first[j] in link and j not in feet:
-                feet[j] = Foot(k, _point(within[k][first[j]]), 0.0, float(friction[foot][0]) / largest)
-    stacked, origins = vertcat(*moves), vertcat(*(positions[centre] for _, centre, _ in placed))
+        position = ORIGIN if parent < 0 or slides else _point(within(parent, hinge))
+        rigid = _combined(masses[own], np.array([within(k, int(j)) for j in own]), inertias[own].sum())
+        bodies.append(Body(f"link{k}", parent, position, *rigid, 0.0))
+    friction, largest = gait.system.contact_coefficients(gait.dynamics.p), largest_friction(gait) or 1.0
+    feet = [
+        Foot(*carried(j), 0.0, float(friction[foot][0]) / largest)
+        for j, foot in enumerate(walker.contacts or (FOOT, FOOT), start=n_bodies)
+    ]
+    if slides:
+        stacked = vertcat(*(positions[hinge] - positions[base] for _, hinge, _ in placed[1:]))
+    else:
+        stacked = vertcat(*(atan2(*vertsplit(sign * (positions[far] - positions[near]))) for near, far, sign in axes))
+    origins = vertcat(*(positions[hinge] for _, hinge, _ in placed))
     turns = vertcat(*(SX(body.angle) for body in mechanism.bodies))
     slopes = Function("slopes", [q, fields], [jacobian(stacked, q[:n]), stacked, jacobian(turns, q[:n])])
     linear = [[np.asarray(value) for value in slopes(pose, p)] for pose in poses]
@@ -553,16 +536,62 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
     outputs = [stacked, moved[0], origins, moved[1]]
     if walker.keeps_height():
         outputs = substitute(outputs, [q[-1], dq[-1]], [SX(0), SX(0)])
-    carried = [next((k, _point(of[first[j]])) for k, of in enumerate(within) if first[j] in of)
-               for j in range(base, len(positions))]  # fmt: skip
     tree = Tree(
-        bodies=tuple(made),
-        feet=tuple(feet[j] for j in sorted(feet)),
+        bodies=tuple(bodies),
+        feet=tuple(feet),
         gravity=_point(gravity),
         slides=slides,
-        bases=tuple(carried),
+        bases=tuple(carried(j) for j in range(base, len(positions))),
     )
     return tree, Function("poses", [z, fields], outputs), A, offset, np.array(partners)
+
+
+def _order(
+    links: list[list[int]], root: list[int], centre: int, partner: NDArray[np.intp], slides: bool
+) -> tuple[list[tuple[list[int], int, int]], list[int]]:
+    """The links in a tree from its root on, each with its hinge and the index of its parent, and their partners.
+
+    Only links that are joined at one point of the tree, or that do not turn (``slides``), are in it. The partner of a
+    link is the one that has the partners of its points and of its hinge; -1 if there is none.
+    """
+    placed, left, used = [(root, centre, -1)], [link for link in links if link is not root], {*root}
+    while found := next((link for link in left if slides or len({*link} & used) == 1), None):
+        hinge = max(found) if slides else min({*found} & used)
+        parent = 0 if slides else next(k for k, (link, _, _) in enumerate(placed) if hinge in link)
+        placed.append((found, hinge, parent))
+        left.remove(found)
+        used |= {*found}
+    of = {(frozenset(link), hinge): k for k, (link, hinge, _) in enumerate(placed) if hinge in link}
+    return placed, [of.get((frozenset(partner[link].tolist()), int(partner[hinge])), -1) for link, hinge, _ in placed]
+
+
+def _axes(
+    placed: list[tuple[list[int], int, int]], partners: list[int], partner: NDArray[np.intp], at: Array
+) -> list[tuple[int, int, float]]:
+    """Hinge of every link, its farthest point, and the sign that lets the axis through both point upwards.
+
+    The axis of a link whose partner comes before it goes through the partners of that link's points, with its sign.
+    """
+    axes = list[tuple[int, int, float]]()
+    for (link, hinge, _), of in zip(placed, partners, strict=True):
+        if of < len(axes):
+            axes.append((hinge, int(partner[axes[of][1]]), axes[of][2]))
+        else:
+            far = link[int(np.linalg.norm(at[link] - at[hinge], axis=1).argmax())]
+            axes.append((hinge, far, 1.0 if at[far, 1] > at[hinge, 1] else -1.0))
+    return axes
+
+
+def _turned(x: float, z: float) -> Array:
+    """The matrix that turns the direction of (x, z) to that of (0, 1)."""
+    s, c = np.sin(np.arctan2(x, z)), np.cos(np.arctan2(x, z))
+    return np.array([[c, -s], [s, c]])
+
+
+def _combined(masses: Array, coms: Array, inertia: float) -> tuple[float, tuple[float, float], float]:
+    """Mass, centre of mass and inertia of rigid bodies that move together; ``inertia`` is the sum of their own."""
+    com = masses @ coms / masses.sum()
+    return float(masses.sum()), _point(com), float(inertia + masses @ ((coms - com) ** 2).sum(axis=1))
 
 
 def _rigid_links(at: Array) -> tuple[NDArray[np.intp], list[list[int]]]:
