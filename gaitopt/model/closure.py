@@ -48,12 +48,13 @@ CLOSED = 1e-10
 SAMPLES = 32
 """Number of random touchdowns at which the condition of a section is judged."""
 SPREAD = 0.3
-"""Range of the coordinates around ``Walker.posture`` in these touchdowns [rad]: the half-angles of walking legs."""
+"""Largest deviation of the coordinates from ``Walker.posture`` in these touchdowns [rad]: about the half-angle between
+walking legs."""
 SMALLEST_ENTRY = 0.9
-"""An equation of the closure is solved for the last of those coordinates whose entry in it, relative to its largest
-one, exceeds this."""
+"""Each equation of the closure is solved for the last coordinate whose coefficient exceeds this fraction of the
+largest coefficient in the equation."""
 LARGEST_REMAINDER = 1e-7
-"""An equation whose remainder is no larger than this, relative to itself, follows from the ones before it."""
+"""An equation follows from the ones before it if elimination leaves no coefficient above this fraction of its size."""
 
 
 class Closing(Protocol):
@@ -84,8 +85,8 @@ def closed_posture(walker: type[Closing], free: SimpleNamespace, p: SimpleNamesp
     section = walker.section
     solved = [name for name in walker.shape if name not in section]
     if len(solved) != equations.size1_out(0):
-        words = f"{equations.size1_out(0)} equations for {', '.join(solved) or 'no coordinate'}"
-        raise ProblemError(f"{walker.__name__}: section leaves {words} just after an impact; leave section out")
+        system = f"{equations.size1_out(0)} equations for {', '.join(solved) or 'no coordinate'}"
+        raise ProblemError(f"{walker.__name__}: section leaves {system} just after an impact; leave section out")
     values = {name: SX(getattr(free, name)) for name in section}
     parameters = vertcat(SX(0, 1), *(getattr(p, name) for name in walker.__pydantic_fields__))
     columns = [walker.shape.index(name) for name in solved]
@@ -149,11 +150,11 @@ def closure(walker: type[Closing]) -> tuple[Function, Function]:
 
 @built_once(maxsize=64)
 def chosen_section(walker: type[Closing]) -> tuple[str, ...]:
-    """The section of a walker that names none: the closure is solved for the other coordinates.
+    """The section of a walker whose class names none: the coordinates for which the closure is not solved.
 
-    These are the last ones whose entries in its derivative are not much smaller than the largest one: those of the
-    swing foot if they come after its leg. Entries are compared at random touchdowns around ``Walker.posture``;
-    parameters are one unless they have a default.
+    Each equation of the closure is solved for the last coordinate whose coefficient in it is not much smaller than the
+    largest one: a coordinate of the swing foot if ``Walker.shape`` lists these after those of its leg. Coefficients are
+    compared at random touchdowns around ``Walker.posture``; parameters without a default are one.
 
     Raises
     ------
@@ -190,14 +191,19 @@ def chosen_section(walker: type[Closing]) -> tuple[str, ...]:
 def solved_columns(
     J: Array, groups: Iterable[tuple[Sequence[int], Sequence[int], float]]
 ) -> tuple[list[int], list[int]]:
-    """Coordinates for which linear equations are solved, by elimination, and the equations that are independent.
+    """Choose by elimination the coordinates for which linear equations are solved.
 
     Parameters
     ----------
-    J : ndarray, shape (n_samples, n_equations, n) - the equations at samples; entries are compared by their medians.
-    groups : indices of equations, indices of the coordinates for which they may be solved, the preferred ones first,
-        and the smallest entry of such a coordinate relative to the largest entry of the equation. If no coordinate has
-        such an entry, the first one with an entry that is no rounding is taken.
+    J : ndarray, shape (n_samples, n_equations, n) - coefficients of the equations at samples, which are compared by
+        their medians.
+    groups : for each group the indices of its equations, the indices of the coordinates for which they may be solved,
+        the preferred ones first, and the smallest coefficient of such a coordinate relative to the largest one in the
+        equation. If no coefficient is large enough, the first one that exceeds rounding is taken.
+
+    Returns
+    -------
+    columns, rows : indices of the chosen coordinates, and of the independent equations that determine them.
     """
     A, columns, rows = J.copy(), list[int](), list[int]()
     for group, order, size in groups:

@@ -22,10 +22,11 @@ from gaitopt.model.foreign import KINDS, NAME_WORDS, Reader, calling, doubles, i
 from gaitopt.model.mechanism import ORIGIN, Body, Damper, Link, Mechanism, inclined
 
 SAME = 1e-9
-"""Largest relative difference of numbers of two legs that are alike; files state fewer digits."""
+"""Two legs are alike if their numbers differ by no more than this, relative to their size; files have fewer digits."""
 COMPARISON_DEPTH = 10
-"""Depth of the expression trees to which CasADi compares positions and angles."""
+"""Depth to which CasADi compares the expression trees of positions and angles."""
 COMPARED = ("mass", "inertia", "position", "com", "tip", "rotor_inertia", "damping", "foot_radius")
+"""Attributes in which corresponding links of two limbs agree if the limbs are alike."""
 
 
 def difference(one: Link, other: Link) -> str | None:
@@ -60,7 +61,7 @@ class Tree:
 
     Attributes
     ----------
-    way : the links from the stance foot to the swing foot, each with the two points of its frame at which the way
+    path : the links from the stance foot to the swing foot, each with the two points of its frame at which the path
         enters and leaves it.
     joints : angle of every joint by name, SX [rad].
     """
@@ -77,30 +78,30 @@ class Tree:
         centre = foot + vertcat(R * self.stance.angle, R)
         self._entry = {self.stance.name: (_column(self.stance.tip), centre)}  # a point of each frame, and its position
         before: dict[str, Link] = {}
-        reached = [self.stance]
-        for link in reached:
+        visited = [self.stance]
+        for link in visited:
             for other in links:
                 if other.name not in self._entry and (other.parent == link.name or link.parent == other.name):
                     here, there = _joint(link, other)
                     if is_equal(SX(link.angle), SX(other.angle), COMPARISON_DEPTH):  # fixed: points of one frame
-                        entry, place = self._entry[link.name]
-                        self._entry[other.name] = entry + there - here, place
+                        entry, position = self._entry[link.name]
+                        self._entry[other.name] = entry + there - here, position
                     else:
                         self._entry[other.name] = there, self.place(link, here)
                     before[other.name] = link
-                    reached.append(other)
-        way = [self.swing]
-        while way[0].name in before:
-            way.insert(0, before[way[0].name])
-        starts = [_column(self.stance.tip), *(_joint(one, other)[1] for one, other in pairwise(way))]
-        ends = [*(_joint(one, other)[0] for one, other in pairwise(way)), _column(self.swing.tip)]
-        self.way = list(zip(way, starts, ends, strict=True))
+                    visited.append(other)
+        path = [self.swing]
+        while path[0].name in before:
+            path.insert(0, before[path[0].name])
+        starts = [_column(self.stance.tip), *(_joint(one, other)[1] for one, other in pairwise(path))]
+        ends = [*(_joint(one, other)[0] for one, other in pairwise(path)), _column(self.swing.tip)]
+        self.path = list(zip(path, starts, ends, strict=True))
 
-    def place(self, link: Link, within: Any) -> SX:
-        """Position of a point of a link's frame, shape (2,) [m]."""
-        entry, place = self._entry[link.name]
-        x, y = (_column(within) - entry)[0], (_column(within) - entry)[1]
-        return place + vertcat(x * cos(link.angle) + y * sin(link.angle), y * cos(link.angle) - x * sin(link.angle))
+    def place(self, link: Link, point: Any) -> SX:
+        """Position of a point that is given in a link's frame, shape (2,) [m]."""
+        entry, position = self._entry[link.name]
+        x, y = (_column(point) - entry)[0], (_column(point) - entry)[1]
+        return position + vertcat(x * cos(link.angle) + y * sin(link.angle), y * cos(link.angle) - x * sin(link.angle))
 
     @property
     def contact(self) -> SX:
@@ -120,16 +121,16 @@ class Tree:
         """
         bodies = list[Body]()
         for link in self.links:
-            mass, inertia, place = SX(link.mass), SX(link.inertia), self.place(link, link.com)
+            mass, inertia, com = SX(link.mass), SX(link.inertia), self.place(link, link.com)
             if not inertia.is_zero():
-                bodies.append(Body(mass=link.mass, position=place, inertia=link.inertia, angle=link.angle))
+                bodies.append(Body(mass=link.mass, position=com, inertia=link.inertia, angle=link.angle))
             elif not mass.is_zero():
                 points = (k for k, body in enumerate(bodies) if SX(body.inertia).is_zero())
-                same = next((k for k in points if is_equal(place, bodies[k].position, COMPARISON_DEPTH)), None)
+                same = next((k for k in points if is_equal(com, bodies[k].position, COMPARISON_DEPTH)), None)
                 if same is None:
-                    bodies.append(Body(mass=link.mass, position=place))
+                    bodies.append(Body(mass=link.mass, position=com))
                 else:
-                    bodies[same] = replace(bodies[same], mass=bodies[same].mass + link.mass, position=place)
+                    bodies[same] = replace(bodies[same], mass=bodies[same].mass + link.mass, position=com)
         geared = (link for link in self.links if link.joint and not SX(link.rotor_inertia).is_zero())
         return (
             *bodies,
@@ -140,14 +141,14 @@ class Tree:
         )
 
     def partners(self) -> dict[str, str]:
-        """The link whose place each link takes when the feet swap roles, by name.
+        """For every link the one whose role it takes when the feet swap roles, by name.
 
-        A link on the way between the feet takes the place of the one as far from the other foot. Limbs that are alike
-        and hang on such links, as two arms on one torso, exchange their places too. Any other link keeps its place.
+        A link on the path between the feet swaps with the link that is as many links away from the other foot. Limbs
+        that are alike and hang on such links, as two arms on one torso, swap as well. Any other link keeps its role.
         """
-        way = [link.name for link, _, _ in self.way]
-        partner = {link.name: link.name for link in self.links} | dict(zip(way, way[::-1], strict=True))
-        limbs = [self._limb(link) for link in self.links if link.name not in way and link.parent is not None]
+        path = [link.name for link, _, _ in self.path]
+        partner = {link.name: link.name for link in self.links} | dict(zip(path, path[::-1], strict=True))
+        limbs = [self._limb(link) for link in self.links if link.name not in path and link.parent is not None]
         for one, other in combinations(limbs, 2):
             apart = partner[one[0].name] == one[0].name and partner[other[0].name] == other[0].name
             if apart and partner[str(one[0].parent)] == other[0].parent and len(one) == len(other):
@@ -169,8 +170,8 @@ class Tree:
 
     def sides(self) -> tuple[int | None, ...]:
         """The leg to which every line belongs: 0 for the stance leg, 1 for the swing leg, None for neither."""
-        way = [link.name for link, _, _ in self.way]
-        legs = dict.fromkeys(way[: len(way) // 2], 0) | dict.fromkeys(way[-(len(way) // 2) :], 1)
+        path = [link.name for link, _, _ in self.path]
+        legs = dict.fromkeys(path[: len(path) // 2], 0) | dict.fromkeys(path[-(len(path) // 2) :], 1)
         return tuple(legs.get(link.name) for link, _ in self._drawn())
 
     def _drawn(self) -> list[tuple[Link, Any]]:
@@ -195,8 +196,7 @@ def state_tree(walker: type[Jointed], q: SimpleNamespace, p: SimpleNamespace) ->
     with calling(walker, "links"):
         stated = walker.links(q, p)
     if not is_list(stated, Link):
-        words = "a tuple of Link(...)"
-        raise ProblemError(f"{walker.__name__}: links returns {shown(stated)}, but must return {words}")
+        raise ProblemError(f"{walker.__name__}: links returns {shown(stated)}, but must return a tuple of Link(...)")
     with calling(walker, "reading its links"):
         reason = next(chain(_link_faults(stated), _tree_faults(stated)), None)
     if reason is not None:
@@ -223,7 +223,7 @@ def tree_mechanism(walker: type[Jointed], tree: Tree, q: SimpleNamespace, p: Sim
     Gravity is ``p.gravity``, on a slope ``p.slope`` if there is one. Every actuator is the motor of the joint with its
     name; a class that refines this mechanism may add motors that act elsewhere. If each leg is one link, the swing foot
     lands when the leans of the legs are opposite, as for a compass; otherwise it lands when its height falls to zero.
-    The walker is upright while the middle of the way between the feet is above the ground, and the link there has an
+    The walker is upright while the middle of the path between the feet is above the ground, and the link there has an
     angle below 90 deg.
 
     Raises
@@ -235,18 +235,18 @@ def tree_mechanism(walker: type[Jointed], tree: Tree, q: SimpleNamespace, p: Sim
     if not hasattr(p, "gravity"):
         raise ProblemError(f"{name}: has links but no parameter gravity; define it, or define mechanism")
     shape = vertcat(*(getattr(q, coordinate) for coordinate in walker.shape))
-    length = sum(norm_2(end - start) for link, start, end in tree.way) / 2
-    middle, start, end = tree.way[len(tree.way) // 2]
-    parts = [sumsqr(end - start) for _, start, end in tree.way if not (end - start).is_zero()]
-    leg = sqrt(len(parts) * sum(parts)) / 2  # a single square would have a kink, |l|, which no proof covers
+    length = sum(norm_2(end - start) for link, start, end in tree.path) / 2
+    middle, start, end = tree.path[len(tree.path) // 2]
+    squares = [sumsqr(end - start) for _, start, end in tree.path if not (end - start).is_zero()]
+    leg = sqrt(len(squares) * sum(squares)) / 2  # the root of a single square, |l|, has a kink, which no proof covers
     high, tilt = tree.place(middle, start)[1] / leg, SX(1)
-    if len(tree.way) % 2:
+    if len(tree.path) % 2:
         high, tilt = (tree.place(middle, start)[1] + tree.place(middle, end)[1]) / (2 * leg), cos(middle.angle)
     swing_foot = tree.swing_foot
-    (first, entry, leave), (last, enter, tip) = tree.way[0], tree.way[-1]
-    meet = [link for link, start, end in tree.way[1:-1] if not (start - end).is_zero()]
+    (first, entry, leave), (last, enter, tip) = tree.path[0], tree.path[-1]
+    between = [link for link, start, end in tree.path[1:-1] if not (start - end).is_zero()]
     touchdown = -swing_foot[1] / length
-    if len(tree.way) in (2, 3) and not meet:
+    if len(tree.path) in (2, 3) and not between:
         touchdown = first.angle + _lean(entry, leave) + last.angle + _lean(tip, enter)
     damped = [link for link in tree.links if link.joint and not SX(link.damping).is_zero()]
     return Mechanism(
@@ -272,24 +272,26 @@ def _relabelled(walker: type[Jointed], tree: Tree, shape: SX, p: SimpleNamespace
     slope = jacobian(vertcat(*of_symbols.values()), symbols)
     if not slope.is_constant():
         raise ProblemError(f"{walker.__name__}: the angles of its links must be sums of shape coordinates")
-    rows, ways = list[int](), np.asarray(DM(slope))
-    order = [link.name for link, _, _ in tree.way]
+    rows, directions = list[int](), np.asarray(DM(slope))
+    order = [link.name for link, _, _ in tree.path]
     order += [name for name in angles if name not in order]
     for row in map([*angles].index, order):
-        if np.linalg.matrix_rank(ways[[*rows, row]]) > len(rows):
+        if np.linalg.matrix_rank(directions[[*rows, row]]) > len(rows):
             rows.append(row)
     if len(rows) < len(walker.shape):
-        words = f"the angles of its links do not determine {', '.join(walker.shape)}"
-        raise ProblemError(f"{walker.__name__}: {words}; define mechanism")
+        undetermined = ", ".join(walker.shape)
+        raise ProblemError(
+            f"{walker.__name__}: the angles of its links do not determine {undetermined}; define mechanism"
+        )
     chosen = [[*angles][row] for row in rows]
     constant = substitute(vertcat(*(of_symbols[name] for name in chosen)), symbols, SX.zeros(symbols.numel()))
     taken = vertcat(*(angles[partner[name]] for name in chosen)) - constant
-    return DM(np.linalg.inv(ways[rows])) @ taken
+    return DM(np.linalg.inv(directions[rows])) @ taken
 
 
 def _point(value: Any) -> Any:
     """A point as a column if it is given as two numbers; any other value is not changed."""
-    numbers = isinstance(value, tuple | list) and len(value) == 2 and all(isinstance(part, KINDS) for part in value)
+    numbers = isinstance(value, tuple | list) and len(value) == 2 and all(isinstance(entry, KINDS) for entry in value)
     return vertcat(*value) if numbers else value
 
 
@@ -305,14 +307,14 @@ def _link_faults(links: Iterable[Link]) -> Iterator[str]:
             yield f"zero of the link {link.name} is {shown(link.zero)}, but must be a number"
         span: Any = (-1.0, 1.0) if link.range is None else link.range
         if not (is_list(span, int | float) and len(span) == 2 and all(map(is_finite, span)) and span[0] < span[1]):
-            words = "(smallest, largest) angle in rad"
-            yield f"range of the link {link.name} is {shown(link.range)}, but must be the {words} of its joint"
+            pair = "(smallest, largest) angle in rad"
+            yield f"range of the link {link.name} is {shown(link.range)}, but must be the {pair} of its joint"
         if link.effort is not None and not (is_finite(link.effort) and link.effort >= 0):
             yield f"effort of the link {link.name} is {shown(link.effort)}, but must be a torque that is not negative"
 
 
 def _tree_faults(links: Sequence[Link]) -> Iterator[str]:
-    """Messages about names of links that contradict each other, and links that are not a tree."""
+    """Messages about names of links that exclude each other, and about links that do not form a tree."""
     names, joints = tuple(link.name for link in links), tuple(link.joint for link in links if link.joint)
     if doubles(names) or doubles(joints):
         yield f"links names {doubles(names) or doubles(joints)} twice"
@@ -339,10 +341,7 @@ def _tree_faults(links: Sequence[Link]) -> Iterator[str]:
 
 
 def _lean(foot: SX, hip: SX) -> SX:
-    """Angle of the line from a foot to a hip in the frame of a leg, from the frame's y towards its x [rad].
-
-    It is zero for a leg along the frame's y.
-    """
+    """Angle of the line from a foot to a hip in the frame of a leg [rad]: zero along y, positive towards x."""
     aside, up = hip[0] - foot[0], hip[1] - foot[1]
     return SX(0) if aside.is_zero() and not up.is_constant() else atan2(aside, up)
 

@@ -25,6 +25,7 @@ from gaitopt.model.units import MOTOR_WORDS, Duration, Finite, Positive, Within
 from gaitopt.model.walker import WalkerType
 
 MOST_INTERVALS = 200
+"""Largest number of intervals: the time of an optimisation grows with it, and torques of a step need far fewer."""
 Bounds = Annotated[tuple[Finite, ...], Field(min_length=2, max_length=2)]
 
 
@@ -70,7 +71,7 @@ class OpenLoop(Control):
 
     @classmethod
     def section(cls, walker: WalkerType) -> SectionType:
-        """The keys of the class and one per actuator."""
+        """The keys of the class, and one key for each actuator."""
         return _section(walker)
 
     @model_validator(mode="before")
@@ -112,12 +113,12 @@ class OpenLoop(Control):
         return self if self.duration is None else self.model_copy(update={"duration": None})
 
     def data(self, segment: int) -> Array:
-        """Start and length of an interval, and weights that select it."""
+        """Start and length of an interval, and a weight for every interval: 1 for this one, 0 for the others."""
         length = 1.0 if self.duration is None else self.duration / self.intervals
         return np.concatenate([[length * segment, length], np.eye(self.intervals)[segment]])
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
-        """Names of motors that the walker does not have, empty ranges, and the number of values."""
+        """Errors about motors that the walker does not have, empty ranges, and wrong numbers of values."""
         yield from super().faults(walker)
         yield from unknown_actuators(walker, bounds=self.bounds, rates=self.rates)
         if self.rates and self.order is Order.CONSTANT:

@@ -35,7 +35,7 @@ from gaitopt.model.walker import Walker
 MAX_BYTES = 1024 * 1024
 """Largest size of a file: more than any robot has without its meshes, which are files of their own."""
 MAX_DEPTH, MAX_ELEMENTS, MAX_MOVING = 20, 5000, 16
-"""Largest depth and number of elements, and largest number of moving links: more would take minutes to compile."""
+"""Largest depth and number of elements, and of moving links: equations of more links would take minutes to compile."""
 LARGEST = 1e4
 """Largest length [m], mass [kg], inertia [kg m^2] and angle [rad] of a robot that walks."""
 PARALLEL = 1e-4
@@ -114,7 +114,7 @@ class UrdfWalker(Walker):
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
         """The mechanism of the links; the phase is the lean of the line from the stance foot to the hip."""
         plain, tree = super().mechanism(q, p), Tree(state_tree(cls, q, p).links, SX.zeros(2))
-        hip, entry, _ = tree.way[len(tree.way) // 2]
+        hip, entry, _ = tree.path[len(tree.path) // 2]
         line = tree.place(hip, entry) - tree.place(tree.stance, tree.stance.tip)
         return replace(plain, phases={name: atan2(line[0], line[1]) for name in cls.phases})
 
@@ -125,7 +125,7 @@ class UrdfWalker(Walker):
 
 
 def parse_xml(text: str, file: str) -> Element:
-    """The root element of an XML text without document type and entities.
+    """The root element of an XML text, which must have no document type and no entities.
 
     Raises
     ------
@@ -286,7 +286,7 @@ class _Reader:
         return self._without_ground(order)
 
     def _without_ground(self, order: list[tuple[str, Element | None]]) -> list[tuple[str, Element | None]]:
-        """The tree without massless links at its root that tie it to the ground."""
+        """The tree without the massless links at its root, if their joints tie the robot to the ground."""
         start, sliding = 0, False
         while start + 1 < len(order) and self._links[order[start][0]].find("inertial") is None:
             children = [joint for _, joint in order if joint and joint.attributes["from"] == order[start][0]]
@@ -319,7 +319,7 @@ class _Reader:
         return poses
 
     def _normal(self, poses: Mapping[str, tuple[Array, Array]]) -> Array:
-        """The common direction of all axes, with the sign for which forward is x, or y if the robot walks along y."""
+        """The common direction of all axes. Its sign is such that forward is x, or y for a robot that walks along y."""
         normal, first = np.zeros(3), ""
         for name, axis, joint in self._axes(poses):
             if not first:
@@ -421,7 +421,11 @@ class _Reader:
     def _planar(
         self, bodies: Mapping[str, Body], poses: Mapping[str, tuple[Array, Array]], normal: Array
     ) -> tuple[tuple[Link, ...], dict[str, float]]:
-        """The links in the order of the coordinates, and a posture just after an impact."""
+        """The links in the order of the coordinates, and a posture just after an impact.
+
+        A leg has the bodies from a foot up to the hip. The frame of a leg's body begins at the body's upper joint and
+        is turned upside down (``flips`` is -1) if its lower end is above that joint in the pose of the file.
+        """
         feet = [self._foot(foot, bodies, poses, normal) for foot in self.feet]
         (stance, first, _), (swing, second, _) = feet
         if self.feet[0] == self.feet[1]:
@@ -432,11 +436,11 @@ class _Reader:
         chains = [_carriers(stance), _carriers(swing)]
         top = next(body for body in chains[0] if body in chains[1])
         chains = [chain[: chain.index(top)] for chain in chains]
-        way = [*chains[0], top, *chains[1][::-1]]
-        legs = [way[: len(way) // 2], way[::-1][: len(way) // 2]]
+        path = [*chains[0], top, *chains[1][::-1]]
+        legs = [path[: len(path) // 2], path[::-1][: len(path) // 2]]
         hips, ends, tops = list[Array](), dict[Body, Array](), dict[Body, Array]()
-        for leg, end, path in zip(legs, (first, second), (way, way[::-1]), strict=True):
-            for body, above in zip(leg, path[1:], strict=False):
+        for leg, end, upwards in zip(legs, (first, second), (path, path[::-1]), strict=True):
+            for body, above in zip(leg, upwards[1:], strict=False):
                 ends[body], end = end, (body if body.parent is above else above).origin
                 tops[body] = end
             hips.append(end)
@@ -455,7 +459,7 @@ class _Reader:
             for body in (*others, *legs[0][::-1], *legs[1][::-1])
         )
         by_name = {link.name: link for link in links}
-        self._check_joints_alike([by_name[body.name] for body in way])
+        self._check_joints_alike([by_name[body.name] for body in path])
         return links, {**_posture(legs[0], by_name, -SPREAD), **_posture(legs[1], by_name, SPREAD)}
 
     def _check_alike(
@@ -481,33 +485,33 @@ class _Reader:
             ]
             for what, value in stated[0].items():
                 if np.abs(np.subtract(value, stated[1][what])).max() > SAME * max(1.0, np.abs(value).max()):
-                    words = f"is unlike link {one.name}: {what} {_words(value)} and {_words(stated[1][what])}"
-                    self.refuse(self._links[other.name], f"{words}; both legs must be alike")
+                    reason = f"is unlike link {one.name}: {what} {_text(value)} and {_text(stated[1][what])}"
+                    self.refuse(self._links[other.name], f"{reason}; both legs must be alike")
         if np.abs(hips[0] - hips[1]).max() > SAME:
             words = f"the hip of {legs[1][-1].name} at {_vector(hips[1])} m is not that of {legs[0][-1].name}"
             self.refuse(self._links[self.feet[1]], f"{words}, {_vector(hips[0])} m: they must be one from the side")
 
-    def _check_joints_alike(self, way: list[Link]) -> None:
+    def _check_joints_alike(self, path: list[Link]) -> None:
         """Refuse legs whose joints differ: torques and limits would change when the feet swap roles.
 
         A motor in only one leg is not refused: it always drives the stance leg, or always the swing leg.
 
         Parameters
         ----------
-        way : links from the stance foot to the swing foot.
+        path : links from the stance foot to the swing foot.
         """
-        for k in range(len(way) // 2):
-            (one, span), (other, others) = _turn(way[k + 1], way[k]), _turn(way[-k - 2], way[-k - 1])
+        for k in range(len(path) // 2):
+            (one, span), (other, others) = _turn(path[k + 1], path[k]), _turn(path[-k - 2], path[-k - 1])
             efforts = [math.inf if link.effort is None else link.effort for link in (one, other)]
             efforts = efforts if all(efforts) else [0.0, 0.0]
             stated = {"damping": (one.damping, other.damping), "effort": (*efforts,), "range": (span, others)}
             for what, (ours, theirs) in stated.items():
                 if one is not other and not np.allclose(ours, theirs, rtol=SAME, atol=SAME):
-                    words = f"is unlike joint {one.joint}: {what} {_words(ours)} and {_words(theirs)}"
-                    self.refuse(self._joints[other.joint], f"{words}; both legs must be alike")
+                    reason = f"is unlike joint {one.joint}: {what} {_text(ours)} and {_text(theirs)}"
+                    self.refuse(self._joints[other.joint], f"{reason}; both legs must be alike")
 
     def _link(self, body: Body, flips: Mapping[Body, float], end: Array | None, foot: bool, radius: float) -> Link:
-        """A body as a link, whose frame is the pose of the file, or that pose upside down."""
+        """A body as a link. The axes of its frame are forward and up in the pose of the file, or backward and down."""
         flip, joint, com = flips[body], body.joint, body.moment / body.mass
         if end is None:  # the end of a torso or an arm is not known: it is drawn beyond its centre of mass
             end = 2 * com - body.origin
@@ -650,7 +654,7 @@ def _vector(values: Array) -> str:
     return f"({', '.join(f'{value:.4g}' for value in values)})"
 
 
-def _words(value: Any) -> str:
+def _text(value: Any) -> str:
     return _vector(np.array(value)) if isinstance(value, tuple) else f"{float(value):.6g}"
 
 

@@ -88,15 +88,15 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     massless_feet : whether feet, and the legs up to the bodies, have no mass. Such feet land without an impulse, cannot
         slip, and keep their position in flight.
     lengths : the shape coordinates that are lengths [m] rather than angles [rad].
-    pushes : whether the walker pushes off with its stance foot just before the swing foot lands; if contacts are named,
-        the names of those that push off just before another one lands, if they are on the ground then.
+    pushes : whether the walker pushes off with its stance foot just before the swing foot lands. For a walker with
+        ``contacts`` it has the names of those that push off, if they are on the ground, just before another one lands.
     actuators : names of the actuators.
-    external : the actuators that push the walker from outside of it, such as a tow, a belt or the wind. Only their
-        entries of ``Mechanism.motors`` may depend on x and y, and on x with a constant factor, so that the motion does
-        not depend on the place on the ground.
-    tracked : for each actuator the shape coordinate whose error drives it under a PD law; may be left out.
-    phases : names of the phase variables, functions of the shape that grow along a step; each shape coordinate is one
-        under its own name.
+    external : the actuators that push the walker from outside, such as a tow, a belt or the wind. Only their entries of
+        ``Mechanism.motors`` may depend on x and y, and only linearly on x, because the motion must not depend on where
+        the walker is.
+    tracked : for each actuator the shape coordinate whose error drives it under a PD law; empty without such a law.
+    phases : names of the phase variables, functions of the shape that grow along a step. Every shape coordinate is a
+        phase variable too, under its own name.
     largest_angle : largest size of the shape coordinates in walking [rad].
     contacts : names of the contact points, if the walker has several; (x, y) is then a point of your choice.
     massless_contacts : the contacts at the end of massless parts, which have coordinates of their own
@@ -145,8 +145,8 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         tree = state_tree(cls, q, p)
         lost = [actuator for actuator in cls.actuators if actuator not in tree.joints]
         if lost and inspect.getattr_static(cls, "mechanism") is inspect.getattr_static(Walker, "mechanism"):
-            words = f"{', '.join(lost)}, which is not a joint of its links ({', '.join(tree.joints) or 'none'})"
-            raise ProblemError(f"{cls.__name__}: actuators names {words}; define mechanism if it is another motor")
+            names = f"{', '.join(lost)}, which is not a joint of its links ({', '.join(tree.joints) or 'none'})"
+            raise ProblemError(f"{cls.__name__}: actuators names {names}; define mechanism if it is another motor")
         return tree_mechanism(cls, tree, q, p)
 
     @classmethod
@@ -156,7 +156,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        """All shape coordinates just after an impact, from those of ``section``; by default by solving the closure."""
+        """All shape coordinates just after an impact, from those of ``section``; by default the closure is solved."""
         return closed_posture(cls, free, p)
 
     @classmethod
@@ -252,9 +252,9 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return f"the contact {contact}" if cls.label(contact) else f"the {contact.replace('_', ' ')}"
 
     @classmethod
-    def contact_mode(cls, words: Mapping[str, str]) -> Mode:
+    def contact_mode(cls, states: Mapping[str, str]) -> Mode:
         """The mode, without stops, in which the contacts have these states by name."""
-        return Mode.of_feet({SWING_FOOT: OFF, **words}) if cls.stands_on_one() else Mode.of_contacts(words)
+        return Mode.of_feet({SWING_FOOT: OFF, **states}) if cls.stands_on_one() else Mode.of_contacts(states)
 
     @classmethod
     def mode_words(cls, *, after_impact: bool = False) -> tuple[str, ...]:
@@ -274,7 +274,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def placed_contacts(cls) -> tuple[str, ...]:
-        """Names of the massless contacts that have coordinates of their own, which take new values at their landing."""
+        """Names of the massless contacts. Each has coordinates of its own, which take new values when it lands."""
         return cls.massless_contacts
 
     @classmethod
@@ -284,7 +284,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def struck_contacts(cls, mode: Mode) -> tuple[str, ...]:
-        """Contacts with impulses in an impact, by their names before it: all, or the one that is on the ground then."""
+        """Contacts with impulses in an impact, named as before it: all contacts, or the foot that is on the ground."""
         return (*mode.touching, FOOT)[:1] if cls.stands_on_one() else cls.contacts
 
     @classmethod
@@ -311,14 +311,14 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def swapped(cls, mode: Mode) -> Mode:
-        """A mode with the names that its contacts have after the feet have swapped roles, or before they do."""
+        """A mode in which the contacts that are partners have swapped their states."""
         return _swapped(cls, mode)
 
     @classmethod
     def held_in_impact(cls, contacts: Mode, before: Mode) -> Mode:
-        """The contacts just after the impact that ends a step, with the stops that stay locked during its impulse.
+        """A mode of the contacts just after the impact that ends a step, with the stops that are locked during it.
 
-        The modes of other impacts state their stops, and are returned as they are.
+        Modes of other impacts contain their stops already, and are returned unchanged.
         """
         if contacts.stops or not cls.stops:
             return contacts
@@ -333,7 +333,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def steps_per_cycle(cls) -> int:
-        """The number of steps of a cycle is a multiple of this: 1 if the legs are alike, 2 if they differ."""
+        """The number of which the steps of a cycle are a multiple: 1 if the legs are alike, 2 if they differ."""
         return 2 if cls.exchanged else 1
 
     @classmethod

@@ -11,9 +11,9 @@ At an impact the swing foot comes down, v_n < 0, and by Gamus & Or (2013), eqs (
     stick             F_n > 0 and |F_t| <= mu F_n
     slip with sign s  F_n > 0 and s v_t > 0 just after it
 
-where F_n (C_tt + mu s C_nt) = -det(C) v_n, so that no impact slips in the paradox of Painleve. A case is clear if
-exactly one mode is consistent, by more than rounding. At an edge, or if the foot may lift off, ``ContactResolver``
-examines all modes. The same code serves one state, with floats, and many states, with arrays.
+where F_n (C_tt + mu s C_nt) = -det(C) v_n, so that F_n > 0 excludes the paradox of Painleve. A case is clear if exactly
+one mode is consistent, by more than rounding. At an edge, or if the foot may lift off, ``ContactResolver`` examines all
+modes. The functions take floats for one state, or arrays for many states.
 """
 
 from collections.abc import Sequence

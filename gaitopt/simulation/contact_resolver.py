@@ -51,16 +51,17 @@ from gaitopt.simulation.natural import NaturalDynamics
 ALIKE = 1e-9
 """Motions are the same if their accelerations, or velocities, differ by less than this, in natural units."""
 SLIPS = {str(mode) for mode in CONE}
+"""States of a contact that slips."""
 AT_REST_TOO = 1e-11
 """A slip velocity below this, in natural units, counts as zero if another contact has just come to rest."""
 ROUNDED = 1e-15
 """A slip velocity below this, in natural units, is not corrected."""
 TOUCHING = 1e-9
-"""A contact of a given state is on the ground if its height is below this, and stays there if its normal velocity is
-below this, in natural units."""
+"""A contact is on the ground if its height is below this, and stays there if its normal velocity is below this, in
+natural units."""
 HOPELESS = 1e-3
-"""A force of the wrong sign above this part of the weight rules out a motion. To have the wrong sign for an instant
-only, it would have to change by the weight within a millionth of the unit of time."""
+"""A motion is ruled out if a force has the wrong sign and exceeds this fraction of the weight. Such a force could become
+admissible at once only if it changed by the weight within a millionth of the unit of time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,10 @@ class Termination:
 
 @dataclass(frozen=True, slots=True)
 class _Option:
-    """A consistent combination: its index, its mode, and its accelerations or rates after it in natural units."""
+    """A consistent mode, its index among those examined, and its motion in natural units.
+
+    ``motion`` has the accelerations in the mode, or the rates after an impact.
+    """
 
     index: int
     mode: Mode
@@ -81,7 +85,10 @@ class _Option:
 
 
 class _Motion:
-    """The k-th of the motions at an instant; second derivatives follow from the motion a little later."""
+    """The k-th of the motions that were computed for one instant, with its second derivatives.
+
+    A second derivative is the difference to the same motion a little later, divided by the time between them.
+    """
 
     def __init__(self, instant: ContactInstant, mode: Mode, held: Mode, found: Solutions, k: int) -> None:
         self._instant, self._mode, self._held, self._found, self._k = instant, mode, held, found, k
@@ -99,7 +106,7 @@ class _Motion:
         return bool(falls_at_start("slip_velocity", margin, rate, bend))
 
     def lacks_force(self, only: str | None = None) -> bool:
-        """Whether the motion needs a pull on a contact, or more friction than available.
+        """Whether the ground would have to pull at a contact, or to provide more friction than it can.
 
         Parameters
         ----------
@@ -144,7 +151,7 @@ class ContactResolver:
     Attributes
     ----------
     system : the walker under its control law.
-    clear : decides clear cases if the table has the margin ``painleve``; else None.
+    clear : the decisions of clear cases if the table has the margin ``painleve``; otherwise None.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
@@ -273,7 +280,7 @@ class ContactResolver:
             if isinstance(chosen, Termination):
                 return chosen
             if not self._forces.law_depends_on_holding or chosen.held.contact is held.contact:
-                return self._kept(chosen, "no mode keeps the foot on the ground")
+                return self._unless_lifted(chosen, "no mode keeps the foot on the ground")
             # in the chosen mode the law holds fewer contacts, so that its torques jump
             held = chosen.held
             candidates = tuple(mode for mode in candidates if {*mode.touching} <= {*chosen.touching})
@@ -284,19 +291,19 @@ class ContactResolver:
             return (*candidates, candidates[0].with_contact(Mode.FLIGHT))
         return candidates
 
-    def _kept(self, mode: Mode, reason: str) -> Mode | Termination:
-        """A mode, unless a walker that never leaves the ground would leave it."""
+    def _unless_lifted(self, mode: Mode, reason: str) -> Mode | Termination:
+        """A mode, or the end of the motion if a walker that never leaves the ground would leave it in this mode."""
         leaves = not mode.touching and not self.system.walker.leaves_ground()
         return Termination(Ending.LIFT_OFF, reason) if leaves else mode
 
     def _chosen(
         self, instant: ContactInstant, candidates: Sequence[Mode], touching: set[str], held: Mode
     ) -> Mode | Termination:
-        """The only consistent one of some modes.
+        """The mode among ``candidates`` that is consistent, or the end of the motion if not exactly one is.
 
         Parameters
         ----------
-        touching : contacts on the ground; in modes in which they are off, they must move away from it.
+        touching : contacts on the ground. In a mode in which such a contact is off, it must move away from the ground.
         held : the mode whose contacts the control law holds.
         """
         known = [mode for mode in candidates if not self._forces.is_undetermined(mode)]
@@ -307,7 +314,7 @@ class ContactResolver:
         options = [
             _Option(k, known[k], found.motion[k])
             for k in self._conceivable(found, touching)
-            if self._holds(instant, found, k, touching, held)
+            if self._is_consistent(instant, found, k, touching, held)
         ]
         kinetic = self._forces.friction.kinetic
         rests_alone = len(touching) == 1 and candidates[0].sticks
@@ -346,7 +353,7 @@ class ContactResolver:
     def strike(self, mode: Mode, transition: Transition, z_minus: Array) -> tuple[Mode, Array] | Termination:
         """Mode and state just after a contact lands, or a stop locks, in ``mode`` and state ``z_minus``.
 
-        After that, forces decide about the motion.
+        The mode is that of the impact; the forces then decide in which mode the motion continues.
         """
         assert transition.reset is not None
         if transition.reset.swaps:
@@ -364,7 +371,7 @@ class ContactResolver:
             mode, self._with_leaving(candidates), {of} & {*self._names}, z_minus
         )
         if isinstance(chosen, Mode):
-            chosen = self._kept(chosen, f"the stop {of} would pull the foot off the ground")
+            chosen = self._unless_lifted(chosen, f"the stop {of} would pull the foot off the ground")
         if isinstance(chosen, Termination):
             return chosen
         reset = buffered(self.system.reset(chosen, mode, ends_step=False))
@@ -428,7 +435,7 @@ class ContactResolver:
     def _impact(
         self, mode: Mode, candidates: tuple[Mode, ...], landing: set[str], z_minus: Array
     ) -> Mode | Termination:
-        """The mode after the only consistent impact; contacts that arrive at the same instant take part in it.
+        """The mode after the only consistent impact, in which contacts that land at the same instant take part.
 
         Parameters
         ----------
@@ -460,9 +467,8 @@ class ContactResolver:
         if self._frictionless:
             kinetic = np.where([name in landing for name in self._names], 0.0, kinetic)
         found = self._forces.impacts(mechanics, known, kinetic)
-        options = [
-            _Option(k, known[k], mechanics.dq + found.motion[k]) for k in self._following(found, touching, mechanics.J)
-        ]
+        consistent = self._consistent_impacts(found, touching, mechanics.J)
+        options = [_Option(k, known[k], mechanics.dq + found.motion[k]) for k in consistent]
         different = self._different(options)
         is_wedged = len(touching) == 1 and not landing
         if len(different) == 1 or (different and (self._stick_first or is_wedged)):
@@ -488,7 +494,7 @@ class ContactResolver:
 
     def _arrival_fault(self, landing: set[str], heights: Array, velocities: Array) -> Termination | None:
         """The end of the motion if a contact would land from below the ground; None if none does."""
-        for name in landing - {*self.system.walker.placed_contacts()}:  # which are on the ground only from then on
+        for name in landing - {*self.system.walker.placed_contacts()}:  # these only get their positions when they land
             contact, k = self.system.walker.called(name), self._number[name]
             if heights[k] < -TOUCHING * self._dynamics.scales.length:
                 where = f"it is {-heights[k]:.3g} m below the ground where it begins to count as a contact"
@@ -499,7 +505,7 @@ class ContactResolver:
                 return Termination(Ending.IMPACT_INCONSISTENT, f"{reason}, so that it touches the ground from below")
         return None
 
-    def _following(self, found: Solutions, touching: set[str], J: Array) -> list[int]:
+    def _consistent_impacts(self, found: Solutions, touching: set[str], J: Array) -> list[int]:
         """Indices of the impacts after which the states of the contacts agree with their impulses and velocities."""
         modes, touches = found.modes, np.array([name in touching for name in self._names])
         slips, sticks, normal, tangential = modes.slip != 0, modes.sticks, found.normal, found.tangential
@@ -529,7 +535,7 @@ class ContactResolver:
         lowest = np.minimum(lowest, np.where(off, found.contact[:, :, 1], 0))
         return np.flatnonzero(np.all(lowest > -HOPELESS, axis=1)).tolist()  # NaN does not pass either
 
-    def _holds(self, instant: ContactInstant, found: Solutions, k: int, touching: set[str], held: Mode) -> bool:
+    def _is_consistent(self, instant: ContactInstant, found: Solutions, k: int, touching: set[str], held: Mode) -> bool:
         """Whether the k-th mode is consistent at this instant."""
         mode = found.modes.modes[k]
         motion = _Motion(instant, mode, held, found, k)

@@ -1,6 +1,7 @@
 """A walker on a floor: the parameters of its hybrid system step by step, from the tiles under its contacts.
 
-On a floor every contact has the friction of the ground under it, and on an uneven one its height and slope:
+Every contact has the friction of the tile under it, and on an uneven floor also the tile's height and slope. All of
+these are parameters of the hybrid system:
 
     p = (walker, friction of every contact, control, height and slope of every contact)
 
@@ -38,7 +39,7 @@ class Tiles:
     Attributes
     ----------
     friction : ndarray, shape (m, 2) - static and kinetic coefficient; None for those of the problem.
-    height, slope : ndarray, shape (m,) - [m], [rad].
+    height, slope : ndarray, shape (m,) - heights [m] and slopes [rad] of the tiles.
     """
 
     friction: Array | None
@@ -148,7 +149,7 @@ class OnTiles:
         return p
 
     def trailing(self, states: Array) -> Array:
-        """Heights of the feet that have just left the ground, as far as they are more than rounding, (m,) [m]."""
+        """Heights of the feet that have just left the ground, shape (m,) [m]; heights of rounding size are zero."""
         if not self._trailing_foot:
             return np.zeros(len(states))
         heights = self._trailing_foot(states, self.nominal.p)[0][:, 0]
@@ -203,13 +204,14 @@ class Ground:
         return {name: tiles.get(name, self._next(n, name)) for name in after.touching}
 
     def dynamics(self, n: int, on_ground: Mapping[str, int], z: Array) -> Dynamics:
-        """The walker from a state ``z``, shape (n_z,), of step ``n`` on, counted from 0.
+        """The dynamics in step ``n``, counted from 0, for a motion from the state ``z``, shape (n_z,).
 
-        It is the nominal one where the tiles are nominal, and no tile before them had another height.
+        They are those of the nominal floor if its tiles have nominal friction and are level with the tile before them.
 
         Parameters
         ----------
-        on_ground : the tiles of the contacts that are on the ground. The others are over those on which they may land.
+        on_ground : the tiles of the contacts that are on the ground. Every other contact is above the tile on which it
+            may land.
         """
         floor, on_tiles, states = self.floor, self.on_tiles, z[None]
         tiles = {name: on_ground.get(name, self._next(n, name)) for name in self._walker.landing_points()}
@@ -232,7 +234,7 @@ class Ground:
 
         Parameters
         ----------
-        on_ground : see ``dynamics``; after the call it has the tiles at the end of the step.
+        on_ground : see ``dynamics``; it is updated to the tiles at the end of the step.
         """
         found, touching, first = list[Arc](), tuple[str, ...](), arcs[0].states[0]
         for arc in arcs:
@@ -258,9 +260,9 @@ class Ground:
 def comes_down(dynamics: Dynamics, z: Array) -> bool:
     """Whether a foot at the height of its tile lands there: its height falls, and so does the walker's own guard.
 
-    Before mid-swing one of them rises. Just after the impact the foot moves up while the guard falls; later the foot
-    passes through the height of a lower tile while the guard rises. It does not land then, as it does not land on level
-    ground where the legs pass each other.
+    Before mid-swing one of the two rises: just after the impact it is the foot, while the guard falls; later it is the
+    guard, while the foot passes through the height of a lower tile. The foot does not land at either instant, just as
+    it does not land on level ground when the legs pass each other.
     """
     return not dynamics.system.uneven or bool((buffered(dynamics.system.descent)(z, dynamics.p)[0] < 0).all())
 
@@ -271,8 +273,8 @@ def check_floor(system: HybridSystem, floor: Floor) -> None:
     Raises
     ------
     ProblemError
-        If no step of it ends with a landing; if the floor is uneven, and the walker lands with a given energy; if it
-        has slopes, and the feet of the walker roll.
+        If none of the walker's steps ends with a landing; if the floor is uneven, and the walker lands with a given
+        energy; if the floor has slopes, and the walker's feet roll.
     """
     walker = system.walker
     never = system.cycle_end == CLOCK or not (walker.step_ends() or system.cycle_end != TOUCHDOWN)

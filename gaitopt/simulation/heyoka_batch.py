@@ -1,11 +1,12 @@
 """One step of many states at once, on heyoka: the hybrid simulator with arrays in place of numbers.
 
-All states in the same mode go through their next arc together, and then all states with the same event through what
-follows, until every step has ended. The rules are those of ``events``, ``contact_resolver`` and ``simulator``; the
-table of transitions is the same. Arcs are integrated in the lanes of heyoka's batch integrators. Every lane has its own
-time, step length and events; when its arc ends, the next state is loaded into it. Clear cases of a lone foot are
-decided for all states at once. At an edge, if no candidate or several are consistent, and if several contacts touch,
-``ContactResolver`` decides for one state after the other. No bit of a result depends on the other states.
+The simulator repeats two operations until every step has ended: it integrates all states of one mode over their next
+arc, and it applies an event to all states whose arc ended with it. The rules are those of ``events``,
+``contact_resolver`` and ``simulator``; the table of transitions is the same. Arcs are integrated in the lanes of
+heyoka's batch integrators. Every lane has its own time, step length and events; when its arc ends, the next state is
+loaded into it. Clear cases of a lone foot are decided for all states at once. ``ContactResolver`` decides the other
+cases one by one: those at an edge, those without exactly one consistent candidate, and those of several contacts. The
+result of a state does not depend on the other states, not even in its last bit.
 
 This module needs heyoka.
 """
@@ -55,9 +56,9 @@ LIMIT, FAILURE = -1, -2
 """Codes of arcs that end at their time limit, or because the integrator cannot continue."""
 TIME_LIMIT = int(hy.taylor_outcome.time_limit)
 UNFINISHED = int(hy.taylor_outcome.success), int(hy.taylor_outcome.step_limit)
-"""heyoka's outcomes of lanes that only stop because another lane does, or after ``STEPS_AT_ONCE``."""
+"""Outcomes of lanes whose arcs have not ended: heyoka stops all lanes if one ends, or after ``STEPS_AT_ONCE``."""
 MOST_RESOLVERS = 64
-"""Number of resolvers in the cache for states that are on different tiles."""
+"""Largest number of resolvers in the cache, which has one for every combination of tiles."""
 STEPS_AT_ONCE = 500
 """Lanes are examined after this many integration steps, even if none has ended; an arc of a walk takes tens."""
 
@@ -82,9 +83,9 @@ class BatchSimulator:
 
         Parameters
         ----------
-        p : ndarray, shape (n, n_p) - parameters of every state, of a walker on one foot; those of the system by
-            default. They may differ in the friction, height and slope of the tiles alone. Feedback from step to step
-            corrects them, as the states are those in which a cycle begins.
+        p : ndarray, shape (n, n_p) - parameters of every state, only for walkers that stand on one foot; by default
+            those of the system. Only the friction, height and slope of the tiles may differ from state to state. As
+            every state begins a cycle, the feedback from step to step corrects its parameters.
         """
         correction = self.system.correction
         if correction is not None:
@@ -158,7 +159,7 @@ class BatchSimulator:
         self._continue(motions, rows[endings == 0])
 
     def _continue(self, motions: "_Motions", rows: Indices) -> None:
-        """Forces decide after a jump of the torques, or at the start of a step."""
+        """Continue the given rows at the start of a step, or after a jump of the torques, where forces decide."""
         codes = motions.modes[rows]
         for code in np.unique(codes):
             self._decide(motions, rows[codes == code], self._table.at_breakpoint(self._modes[code]))
@@ -211,7 +212,7 @@ class _Motions:
         self.swapped = np.zeros(n, dtype=np.bool_)  # whether a landing has just swapped the feet
 
     def p_of(self, rows: Indices) -> Array | None:
-        """Parameters of the given rows; None where they are those of the system."""
+        """Parameters of the given rows; None if all rows have those of the system."""
         return None if self._p is None else self._p[rows]
 
     def arrive(self, rows: Indices, code: int, arrivals: Arrivals) -> None:
@@ -225,11 +226,11 @@ class _Motions:
         self.times[rows], self.states[rows] = arrivals.times, arrivals.states
 
     def switch(self, rows: Indices, most: int, *, strikes: bool) -> Indices:
-        """Record an event within the steps of the given rows; motions that had ``most`` events before it end.
+        """Record an event within the steps of the given rows, and end motions that already had ``most`` events.
 
         Parameters
         ----------
-        strikes : whether the event is the impact of a contact or a stop. Motions whose impacts accumulate end too.
+        strikes : whether the event is the impact of a contact or a stop; motions whose impacts accumulate are ended.
 
         Returns
         -------
@@ -284,15 +285,20 @@ class BatchResolver:
         self._after_impact = system.walker.foot_modes()
         self._ground = tuple(mode.contact for mode in system.transitions.landed)
         self._friction = dynamics.contact_friction.get(FOOT, dynamics.static_friction)
-        self._dynamics, self._of_rows = dynamics, dict[bytes, ContactResolver]()
+        self._dynamics, self._on_tiles = dynamics, dict[bytes, ContactResolver]()
         self._impacts: dict[tuple[tuple[str, ...], tuple[str, ...]], HeyokaRowMap] = {}
         self._pushes: dict[tuple[tuple[str, ...], tuple[str, ...]], HeyokaRowMap] = {}
         self._rests: dict[tuple[Mode, ...], HeyokaRowMap] = {}
 
     def start(self, states: Array) -> tuple[Array, Codes, Codes, dict[tuple[Mode, str], list[int]]]:
-        """States and modes at the start of a step, endings, and rows by the mode and the guard of a contact that lands.
+        """The modes in which steps start.
 
-        A lone foot whose slip velocity only consists of rounding errors is at rest, with a slip velocity of zero.
+        Returns
+        -------
+        states : ndarray, shape (n, n_z) - the states; the slip velocity of a lone foot is zero if it only consists of
+            rounding errors.
+        modes, endings : ndarrays, shape (n,) - modes, and endings of motions that cannot start.
+        landings : rows in which a contact on the ground comes down, by the mode and the guard of the contact.
         """
         n, landings = len(states), defaultdict[tuple[Mode, str], list[int]](list)
         modes, endings = np.full(n, NONE), np.zeros(n, dtype=np.int64)
@@ -325,16 +331,16 @@ class BatchResolver:
         states[:, -1] = 0.0
         return states
 
-    def _alone(self, p: Array | None, row: int) -> ContactResolver:
-        """The resolver of one state."""
+    def _resolver(self, p: Array | None, row: int) -> ContactResolver:
+        """The resolver for one state, with the parameters of its row."""
         if p is None:
             return self._one_by_one
         key = p[row].tobytes()
-        if key not in self._of_rows:
-            if len(self._of_rows) >= MOST_RESOLVERS:
-                self._of_rows.clear()
-            self._of_rows[key] = ContactResolver(Dynamics(self._system, p[row]))
-        return self._of_rows[key]
+        if key not in self._on_tiles:
+            if len(self._on_tiles) >= MOST_RESOLVERS:
+                self._on_tiles.clear()
+            self._on_tiles[key] = ContactResolver(Dynamics(self._system, p[row]))
+        return self._on_tiles[key]
 
     def mode_at_rest(
         self, candidates: tuple[Mode, ...], times: Array, states: Array, segments: Indices, p: Array | None = None
@@ -352,7 +358,7 @@ class BatchResolver:
         modes, clear = self._clear_modes(candidates, times, states, segments, p)
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~clear):
-            decision = self._alone(p, int(k)).mode_at_rest(candidates, float(times[k]), states[k], int(segments[k]))
+            decision = self._resolver(p, int(k)).mode_at_rest(candidates, float(times[k]), states[k], int(segments[k]))
             if isinstance(decision, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
             else:
@@ -371,9 +377,9 @@ class BatchResolver:
         if candidates not in self._rests:
             self._rests[candidates] = HeyokaRowMap(self._natural.functions.rest(stuck, slips), fixed)
         taus, zetas = times / self._natural.time, states / self._natural.state
-        own = None if p is None else [_with(p, fixed[2]), np.tile(fixed[4], (n, 1))]
+        of_rows = None if p is None else [_with(p, fixed[2]), np.tile(fixed[4], (n, 1))]
         arguments = taus[:, None], zetas, self._data[segments]
-        _, margins, rates, *slipping = self._rests[candidates](*arguments, fixed=own)
+        _, margins, rates, *slipping = self._rests[candidates](*arguments, fixed=of_rows)
         possible, clear = self._clear.at_rest(margins.T, rates.T, [slip.T for slip in slipping])
         return self._modes.index(candidates[0]) + np.argmax(possible, axis=0), clear
 
@@ -383,7 +389,7 @@ class BatchResolver:
         """Modes just after a contact lands or a stop locks, endings if no impact is possible, and states after it."""
         modes, endings, after = np.zeros(len(states), dtype=np.int64), np.zeros(len(states), np.int64), states.copy()
         for k, state in enumerate(states):
-            struck = self._alone(p, int(k)).strike(mode, transition, state)
+            struck = self._resolver(p, int(k)).strike(mode, transition, state)
             if isinstance(struck, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(struck.ending)
             else:
@@ -397,7 +403,7 @@ class BatchResolver:
         impacts, clear, after, step_lengths = self._clear_impacts(mode, states, p)
         endings = np.zeros_like(impacts)
         for k in np.flatnonzero(~clear):
-            decision = self._alone(p, int(k)).impact(mode, transition, states[k])
+            decision = self._resolver(p, int(k)).impact(mode, transition, states[k])
             if isinstance(decision, ImpactRecord):
                 impacts[k] = self._after_impact.index(decision.mode)
                 after[k], step_lengths[k] = decision.state, decision.step_length
@@ -414,8 +420,8 @@ class BatchResolver:
         if before not in self._impacts:
             function = self._system.impacts(mode, *map(self._system.walker.swapped, self._ground))
             self._impacts[before] = HeyokaRowMap(function, {1: self._p})
-        own = None if p is None else [p]
-        columns, approach = self._impacts[before](states, fixed=own)
+        of_rows = None if p is None else [p]
+        columns, approach = self._impacts[before](states, fixed=of_rows)
         candidates = columns.reshape(n, len(self._ground), -1)
         values = candidates[:, :, n_z:].transpose(1, 2, 0)
         landing, standing = self._static(SWING_FOOT, p), self._static(FOOT, p)
@@ -427,7 +433,7 @@ class BatchResolver:
         if self._system.walker.pushes:
             if before not in self._pushes:
                 self._pushes[before] = HeyokaRowMap(self._system.push(mode), {1: self._p})
-            p_t, p_n = self._pushes[before](states, fixed=own)[0].T
+            p_t, p_n = self._pushes[before](states, fixed=of_rows)[0].T
             friction = self._friction if standing is None else standing
             clear &= is_within_cone(p_t, p_n, friction) & ~is_at_edge(p_t, p_n, friction)
         return impacts, clear, after, step_lengths
@@ -436,7 +442,7 @@ class BatchResolver:
         """Static coefficient of a contact in every row, shape (n,); None if it is that of the system in all rows."""
         if p is None:
             return None
-        coefficients = self._system.contact_coefficients(p.T)  # on tiles every contact has its own
+        coefficients = self._system.contact_coefficients(p.T)  # on tiles they differ from contact to contact
         static, _, _ = coefficients.get(contact) or coefficients[FOOT]
         return np.asarray(static)
 
@@ -454,7 +460,7 @@ class BatchArcs:
         self._points: dict[Mode, HeyokaRowMap] = {}
         self._integrators: dict[Mode, tuple[Integrator, Array]] = {}
         self._single, self._data = HeyokaStepper(dynamics), _segment_data(dynamics)
-        self._own_constants: dict[Mode, RowMap] = {}
+        self._constants: dict[Mode, RowMap] = {}
         self._descent: HeyokaRowMap | None = None
 
     def advance(
@@ -509,9 +515,11 @@ class BatchArcs:
         if moved.size:
             compiled, constants = self._integrator(mode)
             lifts = [lift(*column) for column in zip(names, margins.T, rates.T, strict=True)]
-            if p is not None:
-                own = self._own_constants[mode](_with(p, natural.parameters(mode)), self._data[segments])[0]
-            pars = np.column_stack([constants[segments] if p is None else own, *lifts])
+            if p is None:
+                of_rows = constants[segments]
+            else:
+                of_rows = self._constants[mode](_with(p, natural.parameters(mode)), self._data[segments])[0]
+            pars = np.column_stack([of_rows, *lifts])
             speeds = np.nan_to_num(np.abs(flow[moved]).max(axis=1), nan=np.inf)
             _Lanes(compiled.taylor, pars, limits / natural.time, ends, moved, moved[np.argmin(speeds)]).run()
         slow = self._locate(mode, segments, ends, moved, taus, margins, p)
@@ -564,12 +572,12 @@ class BatchArcs:
         return rows[~linear]
 
     def _point(self, mode: Mode, segments: Indices, taus: Array, zetas: Array, p: Array | None) -> list[Array]:
-        """Rates of states, margins and their rates."""
+        """Rates of the states, margins, and rates of the margins, in natural units; a row for every state."""
         parameters = self._natural.parameters(mode)
         if mode not in self._points:
             self._points[mode] = HeyokaRowMap(self._natural.functions.point(mode), {2: parameters})
-        own = None if p is None else [_with(p, parameters)]
-        return self._points[mode](taus[:, None], zetas, self._data[segments], fixed=own)
+        of_rows = None if p is None else [_with(p, parameters)]
+        return self._points[mode](taus[:, None], zetas, self._data[segments], fixed=of_rows)
 
     def _integrator(self, mode: Mode) -> tuple[Integrator, Array]:
         """The integrator of a mode, and its runtime parameters on every segment; shape (n_segments, n_par)."""
@@ -577,15 +585,15 @@ class BatchArcs:
             compiled = integrator(self._natural.functions.arc(mode), lanes=LANES)
             parameters = self._natural.parameters(mode)
             self._integrators[mode] = compiled, np.array([compiled.values(parameters, data) for data in self._data])
-            self._own_constants[mode] = RowMap(compiled.constants)
+            self._constants[mode] = RowMap(compiled.constants)
         return self._integrators[mode]
 
 
 class _Lanes:
     """Arcs that pass through the lanes of a batch integrator.
 
-    Lanes without an arc repeat the start of the row ``idle``, which is copied behind all others as row -1. It should
-    move slowly, because an infinite number in one lane stops all of them.
+    A lane without an arc integrates from the start of the row ``idle`` again, which is appended as row -1. This motion
+    should be slow, because a number that becomes infinite in one lane stops all lanes.
     """
 
     def __init__(
@@ -598,7 +606,7 @@ class _Lanes:
         self._rows, self._stops, self._counts = [-1] * LANES, [0.0] * LANES, [0] * LANES
 
     def run(self) -> None:
-        """Integrate the arcs of the rows ``waiting``; in the arrivals, their ends replace their starts."""
+        """Integrate the arcs of the rows ``waiting``, and replace their starts in ``arrivals`` by their ends."""
         queue, taylor, rows, counts = iter(self._waiting.tolist()), self._taylor, self._rows, self._counts
         arrivals = self._arrivals
         self._load(range(LANES), queue)
@@ -612,8 +620,8 @@ class _Lanes:
                 # if a motion becomes infinite, heyoka takes steps of no length, which it does not count; in a lane that
                 # has arrived, it takes no steps at all
                 arrived = taylor.time[lane] >= self._stops[lane]
-                stands = outcome == hy.taylor_outcome.step_limit and not steps and not arrived
-                if code not in UNFINISHED or counts[lane] >= MAX_ARC_STEPS or stands:
+                is_stuck = outcome == hy.taylor_outcome.step_limit and not steps and not arrived
+                if code not in UNFINISHED or counts[lane] >= MAX_ARC_STEPS or is_stuck:
                     if (row := rows[lane]) >= 0:
                         arrivals.times[row], arrivals.states[row] = taylor.time[lane], self._state[lane]
                         arrivals.events[row] = code
@@ -644,7 +652,7 @@ def _rows(p: Array | None, rows: Indices) -> Array | None:
 
 
 def _with(p: Array, parameters: Array) -> Array:
-    """Parameters of ``NaturalDynamics`` in every row, shape (n, n_par), with ``p`` in place of those of the system."""
+    """Parameters of ``NaturalDynamics`` in every row, shape (n, n_par); ``p`` replaces the parameters of the system."""
     return np.hstack([p, np.tile(parameters[p.shape[1] :], (len(p), 1))])
 
 

@@ -27,12 +27,13 @@ from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS, Instant
 SMOOTHING = 3e-5
 """|power| is smoothed over this width, relative to the walker's weight times 1 m/s."""
 POWER = "absolute_power"
+"""Name of the integral of |power| in the formulas of scalars."""
 SLIP = "slip"
-"""The rate of the path of the sliding contacts."""
+"""Name of the distance over which contacts slide, an integral in the formulas of scalars."""
 IMPULSE, CLEARED = "impulse_ratio", "foot_clearance"
-"""Extrema that are not taken over all instants of a phase."""
+"""Scalars that are extrema, but not over all instants of a phase."""
 OF_CONTACTS = ("required_friction", "min_normal_force")
-"""Extrema over the contacts on the ground."""
+"""Scalars that are extrema over the contacts on the ground."""
 
 
 class GroundContact(NamedTuple):
@@ -57,7 +58,7 @@ def ground_contacts(walker: type[Walker], mode: Mode, force: Any, slip: Any) -> 
 
 
 def bounded_contacts(walker: type[Walker], mode: Mode, *, sticking: bool) -> Iterator[tuple[str, ...]]:
-    """The contacts on the ground over which an extremum is taken; ``sticking``: only those that stick."""
+    """The contacts on the ground over which an extremum is taken; those that slip only if ``sticking`` is False."""
     return (names for names in sharing_contacts(walker, mode) if not (sticking and mode.directions[names[0]]))
 
 
@@ -122,7 +123,7 @@ class Goals:
 
     @property
     def rates(self) -> tuple[str, ...]:
-        """The integrals that the formulas contain."""
+        """Names of the rates whose integrals the formulas contain."""
         symbols = _Symbols(*(SX.sym(name) for name in ("d", "distance", "weight", "push", "incline")))
         for name in self.formulas:
             formula = SCALARS[name].formula
@@ -151,7 +152,10 @@ class _Symbols:
 
 @dataclass(frozen=True, slots=True)
 class PointKey:
-    """What determines the function of a point; ``leg`` is the entry of its step in ``HybridSystem.step_parameters``."""
+    """All that determines the function of a point.
+
+    ``leg`` is the index of its step's parameters in ``HybridSystem.step_parameters``.
+    """
 
     system: HybridSystem
     mode: Mode

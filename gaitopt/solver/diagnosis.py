@@ -25,20 +25,20 @@ from gaitopt.solver.shooting import Label
 RESIDUAL_TOLERANCE = 1e-9
 """Largest violation, in natural units, of any equality or margin in a solution that is called converged."""
 SHORTEST_PHASE = 1e-7
-"""A phase shorter than this part of the period does not take place."""
+"""A phase does not take place if its duration is a smaller fraction of the period."""
 SAMPLES = 33
 """Number of points of an arc at which an early event is sought."""
 AIRBORNE = 1e-9
-"""A foot is in the air if its guard is farther from zero than this. A smaller guard is zero up to rounding."""
+"""A foot is in the air if its guard is farther from zero than this, in natural units; below, the guard is rounding."""
 INTERPOLATION_SLACK = 1e-8
-"""A margin between the nodes above minus this is positive up to the error of its interpolation. Verification allows the
+"""A margin between the nodes may be negative by this much, the error of its interpolation. Verification allows the
 friction coefficient the same excess."""
 NUMERICAL = ("search", "equations", "integration", "breakpoint", "reference", "motion", "event", "periodicity")
 """Causes that say where a search ended. All others say why a periodic motion is impossible."""
 NORMAL_FORCES = {"cone_forward": "normal_force", "impulse_cone_forward": "impulse", "push_cone_forward": ""}
 """The margin that is the normal force of each friction cone; empty for a push, whose contact cannot be lost."""
 DIVERGED_RESIDUAL = 1e3
-"""A search with a larger violation, in natural units, has diverged: that is a thousand times the forces and rates of a
+"""A search has diverged if its violation is larger, in natural units: a thousand times the forces and rates of a
 walk."""
 
 
@@ -101,7 +101,7 @@ def violations(at: Solution) -> list[Cause]:
 
 
 def vanishing_phase(cycle: Cycle, phase: int, duration: float) -> Cause:
-    """The cause for a gait of which a phase vanishes."""
+    """The cause that a phase of the mode sequence has no duration."""
     words = f"phase {phase + 1} ({cycle.phases[phase]}) vanishes: remove it from the mode sequence"
     return Cause(what="duration", words=words, phase=phase, needed=0.0, available=duration)
 
@@ -111,7 +111,8 @@ def missing_event(system: HybridSystem, cycle: Cycle, phase: int, margins: Array
 
     Parameters
     ----------
-    margins : margins of the phase just after its start. If that of its end is negative, the phase does not begin.
+    margins : margins of the phase just after its start. The phase does not begin if the margin that should end it is
+        negative.
     """
     control = system.control
     ending = system.transitions.ending(cycle, phase).guard
@@ -147,7 +148,7 @@ def largest_residual(at: Solution) -> Cause:
 
 
 def _separate_stops(at: Solution) -> Cause | None:
-    """A contact that still slips, or slips again, when its slip should end together with that of another contact."""
+    """The cause that a contact slips when it should come to rest together with another one; None if none does."""
     equations, cycle, table = at.equations, at.equations.mesh.cycle, at.equations.system.transitions
     nodes, durations, _ = equations.unpack(at.w)
     per_phase = cycle.per_phase(equations.acting(at.w, at.p).steps)
@@ -170,7 +171,7 @@ def _separate_stops(at: Solution) -> Cause | None:
 
 
 def _impossible_motion(at: Solution) -> Cause | None:
-    """The first instant at which a margin is negative between the nodes, or an event is too early; None if none.
+    """The first instant at which a margin is negative between the nodes, or an event is too early; None without one.
 
     The walker must be upright throughout. A margin that rises before it falls, such as that of a touchdown, may be
     negative until it rises for the first time: scuffing in mid-swing is ignored.
@@ -214,7 +215,7 @@ def _impossible_motion(at: Solution) -> Cause | None:
 
 
 def _lands_from_below(at: Solution) -> Cause | None:
-    """A phase at whose end the swing foot moves away from the ground; None if there is none.
+    """The first phase that ends with a landing although its foot moves away from the ground; None without one.
 
     The guard of touchdown vanishes where two legs have opposite angles. The foot then comes down in a step forward, and
     comes up through the ground in a step backward.
@@ -240,7 +241,7 @@ def _lands_from_below(at: Solution) -> Cause | None:
 
 
 def _law_ends(at: Solution) -> Cause | None:
-    """A step that takes longer than its control law says what to do; None if there is none."""
+    """The cause that a step lasts longer than the time for which its control law is defined; None without one."""
     cycle, horizon = at.equations.mesh.cycle, at.equations.system.control.horizon
     for phase in range(len(cycle.phases)):
         step = cycle.step_of(phase)
@@ -274,7 +275,7 @@ def _turning_phase(at: Solution) -> Cause | None:
 
 
 def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:
-    """Violated friction cones: of a foot or a contact with required and available friction, and of groups."""
+    """Violated friction cones: of each contact, with required and available friction, and of groups of contacts."""
     equations = at.equations
     _, labels = equations.inequalities
     dynamics = equations.dynamics(at.p, equations.unpack(at.w).freed)

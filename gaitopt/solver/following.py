@@ -6,12 +6,12 @@
 
     p(s) = p_start^(1 - s) p_end^s,      s from 0 to 1
 
-The path is straight in the logarithms of the parameters, so that a mass of tonnes is as near as one of grams; a
-parameter that changes its sign or is zero at an end is interpolated linearly. A step is accepted if Newton's steps
-contract by a half each, which keeps the solution on the family, and if the state changes little; otherwise it is
-halved. IPOPT is not used: it may find the gait of another family, and rounding would then decide which one. The margins
-of the mode sequence are checked at the end of the path only; if the gait is lost, the message names the place on the
-path where they were first violated.
+The path is straight in the logarithms of the parameters, so that a mass may grow by a factor of a thousand as easily as
+it may shrink by it; a parameter that changes its sign, or is zero at an end, is interpolated linearly. A step is
+accepted if each of Newton's steps is at most half of the one before it, which keeps the solution on the family, and if
+the state changes little; otherwise the step is halved. IPOPT is not used: it may find the gait of another family, and
+rounding would then decide which one. The margins of the mode sequence only count at the end of the path; if they are
+violated there, the message names the parameters at which they were first violated.
 
 ``Family`` solves one problem after another. The Jacobian of the last gait serves as a chord, w <- w - J^-1 F(w, p);
 where chords do not converge, or lead to no gait, IPOPT takes over.
@@ -46,19 +46,19 @@ LARGEST_STATE_CHANGE = 0.1
 """Largest change of the state after impact on one step, relative to its largest entry."""
 SMALLEST_STEP = 1e-4
 """If a smaller step of s fails too, the family ends there."""
-VANISHING_PART = 4 * SMALLEST_STEP
-"""A phase whose duration would fall to zero within this part of the path vanishes at the end of the family."""
+VANISHING_DISTANCE = 4 * SMALLEST_STEP
+"""A phase vanishes at the end of a family if its duration, extrapolated, falls to zero within this change of s."""
 LARGEST_DISTANCE_FROM_LINE = 1e-9
 """Parameters this close to a line, relative to their distance along it, lie on it up to rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PathPoint:
-    """A motion on the path.
+    """A solution of the equations on the path; it is a gait if it violates no margin.
 
     Attributes
     ----------
-    s : its place on the path, from 0 to 1.
+    s : its position on the path, from 0 to 1.
     solution : the motion.
     causes : why it is not a gait; empty for a gait.
     history : s and w of the last solutions, the latest one first.
@@ -79,14 +79,14 @@ def follow(start: Gait, problem: Problem, *, progress: Valued = None, should_sto
     ----------
     start : a converged gait without free parameters, as ``solve_gait`` returns it.
     problem : a problem that differs from that of ``start`` in parameter values only.
-    progress : called at every step with its number and the remaining part of the path.
+    progress : called at every step with its number and the remaining fraction of the path.
     should_stop : polled at every step; True ends the search with the status ``interrupted``.
 
     Returns
     -------
     gait : ``infeasible`` if the family ends on the path; ``message`` says where. ``causes`` are the margins that the
-        motion violates at the parameters of ``problem``, or, if it cannot be followed so far, where it first stops
-        being a gait. ``solver["followed"]`` is the part of the path over which it could be followed.
+        motion violates at the parameters of ``problem``; if it cannot be followed to these, those that it violates
+        where it ceases to be a gait. ``solver["followed"]`` is the fraction of the path that was followed.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def _in_order(solution: Solution) -> Solution | None:
 
 
 def _loss(gait: _PathPoint, motion: _PathPoint, p_start: Array, p_end: Array) -> tuple[_PathPoint, _PathPoint]:
-    """The last gait between a gait and a motion that violates a margin, by bisection; and the motion after it.
+    """The last gait, found by bisection between a gait and a motion that violates a margin, and the motion after it.
 
     A long step may end at another solution of the equations, in which a phase has no length. A short step from the
     last gait then leads to the motion of the family, which may be a gait.
@@ -196,14 +196,14 @@ def _end_of_family(last: _PathPoint) -> Cause:
         (s, w), (s_before, before), *_ = last.history
         durations = equations.unpack(w).durations
         rates = (equations.unpack(before).durations - durations) / (s - s_before)
-        vanishing = np.flatnonzero(durations < VANISHING_PART * rates)
+        vanishing = np.flatnonzero(durations < VANISHING_DISTANCE * rates)
         if vanishing.size:
             return vanishing_phase(equations.mesh.cycle, int(vanishing[0]), float(durations[vanishing[0]]))
     return Cause(what="fold", words="Newton's method follows it no further; it turns back, or its motion fails")
 
 
 class Family:
-    """Gaits of one mode sequence at many parameter values; each starts from the previous ones; for one thread.
+    """Gaits of one mode sequence at many parameter values; each is solved from the ones before it.
 
     Parameters
     ----------
@@ -278,9 +278,9 @@ class Family:
         return None, ITERATIONS
 
     def _predicted(self, p: Array) -> Array:
-        """The solution extrapolated to ``p`` from those whose parameters lie on a line with it and the last ones.
+        """The solution extrapolated to ``p`` from the last solutions, as far as their parameters lie on a line with it.
 
-        Without another such solution it is the last one.
+        If only the last solution lies on a line with ``p``, it is returned unchanged.
         """
         last = self._solved[-1]
         unit = np.maximum(np.abs(p), np.finfo(float).tiny)

@@ -30,8 +30,8 @@ def jet_of(function: Function, order: int, plain: tuple[int, ...], moved: tuple[
     ----------
     function : a function of vectors and matrices, with one output.
     plain : indices of the inputs that are constant.
-    moved : entries of the first of these inputs that vary after all; their coefficients from the first order on are an
-        additional last input.
+    moved : entries of the first constant input that vary nevertheless. Their coefficients from the first order on are
+        an additional input, the last one.
     """
     e = SX.sym("e")
     inputs, values = list[SX](), list[SX]()
@@ -122,13 +122,13 @@ class Jets:
         (values,) = jet(t, z, p, system.data(segment), v) if named else jet(z, p, v)
         return np.swapaxes(values.reshape(self.count, k, self.order + 1, -1), 1, 2)
 
-    def _steps(self, index: int, k: Array, parts: Array) -> Array:
-        """Ends of parts of the steps on intervals k of an arc: coefficients (m, order + 1, size of k, n_z)."""
+    def _steps(self, index: int, k: Array, fractions: Array) -> Array:
+        """States after fractions of the steps on intervals k of an arc; shape (m, order + 1, size of k, n_z)."""
         equations = self._equations
         arc, first = equations.mesh.arcs[index], equations.mesh.arc_nodes[index].start
         at, n_z, size = equations.mesh.arc_intervals[index].start + k, equations.system.n_z, k.size
         starts, times, lengths = _by_point(
-            self.nodes[:, :, first + k], self._times[:, :, at, None], (parts * self._lengths[:, :, at])[..., None]
+            self.nodes[:, :, first + k], self._times[:, :, at, None], (fractions * self._lengths[:, :, at])[..., None]
         )
         p, moved_entries, v = self._parameters(arc.phase)
         jet = jet_of(equations.system.shared.flow(arc.mode), self.order, (2, 3), moved_entries)
@@ -146,9 +146,9 @@ class Jets:
         return np.swapaxes(ends.reshape(self.count, size, self.order + 1, n_z), 1, 2)
 
     def _parameters(self, phase: int) -> tuple[Array, tuple[int, ...], Array]:
-        """Parameters of a phase, the entries that vary, and the coefficients of these from the first order on.
+        """Parameters of a phase, the indices of those that vary, and their coefficients from the first order on.
 
-        Where legs differ, their parameters swap from step to step.
+        If the legs differ, their parameters swap from step to step.
         """
         equations = self._equations
         p = equations.per_phase(equations.acting_values(self._w, self._p))[phase]
@@ -163,7 +163,7 @@ def second_derivatives(equations: MultipleShooting, w: Array, p: Array, first: A
 
     Parameters
     ----------
-    first, second : ndarray, shape (m, n_w) - directions a and b, each of which may have any length.
+    first, second : ndarray, shape (m, n_w) - directions a and b, of any length.
     """
     units = equations.units(p).unknowns
     sizes = [np.abs(each / units).max(axis=1, keepdims=True) for each in (first, second)]

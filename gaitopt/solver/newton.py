@@ -31,15 +31,16 @@ SHORTEST_NEARBY_PERIOD = 0.5
 """Shortest period of a solution relative to the guess. If both feet stay together, a period of zero solves all
 equations."""
 NEWTON_TOLERANCE = 3e-15
-"""Rounding of the equalities in natural units. A polish that stays above it ends as soon as it no longer improves."""
+"""Size of the rounding errors of the equalities, in natural units: a polish ends below it, or where a step no longer
+reduces the residual."""
 POLISH_STEPS = 8
-"""Largest number of steps of a polish. It starts at IPOPT's tolerance, so that one that needs more does not
-converge."""
+"""Largest number of steps of a polish. As it starts at IPOPT's tolerance, it does not converge if these do not
+suffice."""
 CHORD_RESIDUAL = 1e-13
 """Residual, in natural units, below which the Jacobian is that of the solution up to rounding: chords suffice."""
 ERROR_TOLERANCE = 1e-12
-"""Refinement aims at this integration error of states and durations, in natural units: proofs find a gait within
-3e-12."""
+"""Refinement aims at this integration error of states and durations, in natural units, because a proof finds the
+periodic orbit only within 3e-12."""
 LARGEST_ERROR = 4e-11
 """Largest integration error of a gait in natural units: more than a digit below the nine that are promised."""
 REFINEMENT_RESERVE = 4.0
@@ -48,6 +49,7 @@ GUARD_ERROR = 1e-9
 """A jump of the torques carries the guard of a timed phase through zero if neither value misses its sign by more than
 this, in natural units."""
 MAX_REFINEMENTS = 4
+"""Largest number of refinements of one mesh; each of them aims at the tolerance."""
 MAX_INTERVALS = 10_000
 """Largest number of intervals of a cycle; a motion that needs more is singular."""
 
@@ -87,7 +89,7 @@ class Solution:
     def in_order(self) -> bool:
         """Whether every arc lies in its segment of the control, and the torques jump where timed phases end.
 
-        False once a switch has passed a breakpoint, or has left it.
+        It is False after a switch has passed or left a breakpoint.
         """
         in_order = self.equations.mesh.in_order(self.durations, self.equations.system.control.breakpoints)
         return in_order and not self.misplaced

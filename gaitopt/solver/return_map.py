@@ -1,8 +1,8 @@
 """The return map of a solution and its derivatives, by implicit differentiation of the equations F(w, p) = 0.
 
-Opened at the last reset, the cycle starts from a given state: A is dF/dw without the dependence of the last rows on the
-last node, and R the derivative of the last reset. A deviation Z of the first state has the response V and returns as
-M Z,
+The cycle is opened at its last reset, so that it starts from a given state. A is dF/dw without the dependence of the
+last rows on the last node, and R is the derivative of the last reset. V is the response of all unknowns to a deviation
+Z of the first state, V_K that of the last node, and M Z the deviation of the state that returns:
 
     A V = Z,      M Z = R V_K             adjoint of weights G of M:  A' Lambda = R' G
 
@@ -56,7 +56,7 @@ class MapDerivatives:
 
     @cached_property
     def _opened(self) -> tuple[ScaledMatrix, Array]:
-        """The matrix A, and R, shape (n_z, n_z)."""
+        """The matrices A and R; R has the shape (n_z, n_z)."""
         square = self._jacobian.leading(self._n)
         first, pattern = self._n - self._n_z, square.pattern
         reset = -square.dense(self._last.start, self._last.stop)[first:]
@@ -65,7 +65,7 @@ class MapDerivatives:
         return self._scaled(SparseMatrix(pattern=pattern, data=data)), reset
 
     def _response(self, deviations: Array) -> tuple[Array, Array]:
-        """Response V (n, k) of the cycle to deviations (n_z, k) of its first state, and the state that returns."""
+        """Response V (n, k) to deviations (n_z, k) of the first state, and the deviations (n_z, k) that return."""
         opened, reset = self._opened
         right = np.zeros((self._n, deviations.shape[1]))
         right[self._n - self._n_z :] = deviations
@@ -73,7 +73,7 @@ class MapDerivatives:
         return response, reset @ response[self._last]
 
     def _adjoint(self, weights: Array) -> Array:
-        """Weights (n, k) of the equations of V from weights (n_z, k) of the state that returns."""
+        """The adjoint Lambda (n, k) for weights (n_z, k) of the deviation that returns."""
         opened, reset = self._opened
         end = np.zeros((self._n, weights.shape[1]))
         end[self._last] = reset.T @ weights
@@ -118,9 +118,9 @@ class MapDerivatives:
 
     @cached_property
     def _everywhere(self) -> tuple[Array, Array]:
-        """Response and map for a deviation of one natural unit of every coordinate of the first state.
+        """Response V and map M for deviations of the first state in all its coordinates, by one natural unit each.
 
-        The last reset leads back to the section, so that deviations across it have multipliers of zero.
+        The last reset leads back to the section, so that deviations off the section have multipliers of zero.
         """
         response, returned = self._response(np.eye(self._n_z))
         return response * self._units, returned * self._units / self._units[:, None]

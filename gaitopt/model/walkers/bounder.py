@@ -4,8 +4,8 @@ Each leg is held at a fixed angle from the vertical, its foot ahead of its hip, 
 pushes along its length with k (l0 - l) and leaves where it has its full length. A cycle uses each leg once; there are
 flights between the two stances, or the stances overlap.
 
-(x, y) is the centre of mass, ``pitch`` the rotation of the trunk, positive nose down. A leg is stated by the position
-of its foot from its hip. Energy is conserved; the parameter ``energy`` fixes it.
+(x, y) is the centre of mass, ``pitch`` the rotation of the trunk, positive nose down. The coordinates of a leg are
+those of its foot relative to its hip. Energy is conserved; the parameter ``energy`` fixes it.
 """
 
 from types import SimpleNamespace
@@ -19,6 +19,7 @@ from gaitopt.model.units import SMALLEST, Angle, Inertia, Positive, Stiffness, W
 from gaitopt.model.walker import Walker
 
 STEEPEST = Field(ge=-1.5, le=1.5)
+"""Range of the angles at which legs may land [rad]: beyond it they would be almost horizontal."""
 
 
 class Bounder(Walker):

@@ -1,8 +1,8 @@
 """Hopper: a body on a springy leg with an unsprung foot, driven by a constant thrust. Raibert (1986).
 
-``shortening`` is the difference between the full length of the leg and its length. At full length the spring has no
-force and a stop ends the extension. Only the spring acts while the leg shortens; after maximum compression a constant
-thrust extends it as well. The leg hits its stop, pulls the foot off the ground, and stays locked until the foot lands.
+``shortening`` is the full length of the leg less its present length. At full length the spring has no force and a stop
+ends the extension. While the leg shortens, only the spring acts on it; after maximum compression a constant thrust acts
+as well. When the leg reaches its stop, it pulls the foot off the ground and stays locked until the foot lands.
 
 The speed of touchdown and its multiplier have closed forms. With rho = m_b / (m_b + m_f), A = (rho^-2 - 1) m_b / (2 F),
 

@@ -2,8 +2,8 @@
 
 Each leg pushes along its length with k (l0 - l) while its foot is on the ground, and leaves where it has its full
 length. The other leg is held at the angle of attack, measured from the ground, and lands where the mass has fallen to
-the height l0 sin(attack), without an impulse. Both feet are down for a while: this is walking, and ``slip_runner`` is
-the running of the same legs. A leg is stated by the position of its foot from the mass.
+the height l0 sin(attack), without an impulse. Both feet are on the ground for a while in every step, which makes this
+gait a walk; ``slip_runner`` runs on the same legs. The coordinates of a leg are those of its foot relative to the mass.
 
 Energy is conserved; the parameter ``energy`` fixes it, which removes the multiplier of one from the return map.
 """
