@@ -60,8 +60,8 @@ TOUCHING = 1e-9
 """A contact is on the ground if its height is below this, and stays there if its normal velocity is below this, in
 natural units."""
 HOPELESS = 1e-3
-"""A motion is ruled out if a force has the wrong sign and exceeds this fraction of the weight. Such a force could become
-admissible at once only if it changed by the weight within a millionth of the unit of time."""
+"""A motion is ruled out if a force has the wrong sign and exceeds this fraction of the weight. To become admissible at
+once, such a force would have to change by the weight within a millionth of the unit of time."""
 
 
 @dataclass(frozen=True, slots=True)
