@@ -16,9 +16,9 @@ largest value in the step, so that the motion remains a walk. The same values ar
 In elastic mode all constraints of the problem have slack, and the sum of the slacks is minimised. The solution shows
 which constraints cannot be met, and the multipliers show which others are in their way (``conflicts``).
 
-Direct collocation is no substitute: with secants it finds the six optima of the compass, in 0.5 to 2.3 times the time,
-but it has one step, and no timed phases, slips from rest, unloaded feet without mass and static cones, which the
-equations of shooting state for every cycle.
+Direct collocation does not replace this problem. With secants it finds the six optima of the compass in 0.5 to 2.3
+times the time, but it only covers cycles of one step, without timed phases, slips from rest, unloaded massless feet and
+static cones. The equations of shooting cover all of these.
 """
 
 from collections.abc import Callable, Iterator
@@ -51,11 +51,11 @@ from gaitopt.threads import cached_property
 NEAR_OPTIMUM = 1e-4
 """The search for conflicts ends at this KKT residual, in the sizes of its objective and unknowns."""
 MAX_CONFLICT_ITERATIONS = 600
-"""Largest number of iterations of the search for conflicts, whose objective is flat near its optimum. A design takes up
-to 140."""
+"""Largest number of iterations of the search for conflicts. Its objective is flat near the optimum, so that it may take
+more than a design, which takes up to 140."""
 ROUGH_OPTIMUM = 0.2
-"""The smoothed problem is solved to this KKT residual, in the sizes of objective and unknowns. Then ``sqp`` takes over:
-it needs one iteration for twenty of IPOPT, which learns all curvature by secants."""
+"""The smoothed problem is solved to this KKT residual, in the sizes of objective and unknowns. Then ``sqp`` continues,
+because one of its iterations replaces twenty of IPOPT, which approximates all curvature by secants."""
 LONGEST_PHASE = 3.0
 """Upper bound of a phase's duration in one search, in periods."""
 BOUNDARY = 1e-6
@@ -63,14 +63,14 @@ BOUNDARY = 1e-6
 LARGEST_VIOLATION = 1e-6
 """A constraint that is violated by more, relative to the bound or to one, is not met."""
 SMALLEST_MULTIPLIER = 1e-4
-"""A bound with a larger multiplier is in the way; the multipliers of the slacks themselves are of the order of one."""
+"""A bound conflicts with the constraints if its multiplier is larger; those of the slacks are of the order of one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Samples:
     """Quantities of one arc at its N Lobatto points.
 
-    ``ahead`` is the distance of the swing foot in front of the stance foot; ``nodes`` are the nodes before the points.
+    ``ahead`` is the distance of the swing foot in front of the stance foot; ``nodes`` has the node before each point.
     """
 
     mode: Mode

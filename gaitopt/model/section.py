@@ -58,17 +58,17 @@ TOUCHDOWN, CLOCK = "touchdown", "clock"
 """Events that end a cycle: the landing of a foot, and the end of a period of the control law. All others are
 margins."""
 SAMPLES = 5
-"""Number of random states of which one that is not singular determines the solved coordinates."""
+"""Number of random states that are tried, times 20, until one at which the conditions are regular is found."""
 SMALLEST_ENTRY = 0.1
-"""Smallest derivative of an equation by a coordinate, relative to its largest derivative, with which the equation is
-solved for this coordinate if it can be solved for another one."""
+"""An equation is solved for a coordinate only if its derivative by this coordinate exceeds this fraction of its largest
+derivative, unless it can be solved for no other coordinate."""
 NEWTON_STEPS = 50
 """Largest number of Newton steps. About five are needed, and some damped steps before if the state is distant."""
 LONGEST_CLOSING_STEP = 0.3
 """Longest Newton step in rad and SI units. Longer steps might lead to another posture."""
 CLOSED, ROUNDING = 1e-9, 1e-13
-"""Newton's method ends after a step that is smaller than the first number. A step smaller than the second is rounding,
-and is not taken."""
+"""Newton's method ends after a step that is smaller than the first number. A step that is smaller than the second is a
+rounding error, and is not taken."""
 
 
 class Section:
@@ -120,7 +120,7 @@ class Section:
 
         Parameters
         ----------
-        xi : the section coordinates; those of a stated section may be with or without dx.
+        xi : the section coordinates; for a stated section, dx may be left out.
         p : the walker's parameters; others may follow them.
         near : a state nearby, which is needed unless the section is stated.
         """
@@ -181,7 +181,7 @@ class Section:
         return matrix
 
     def holds(self, before: Mode, impact: Mode) -> bool:
-        """Whether a step that ends in the mode ``before``, with the contacts ``impact`` after it, leads there."""
+        """Whether a step leads to this section if it ends in the mode ``before`` with the contacts ``impact``."""
         if self.stated:
             return impact.slips is self._after.slips
         before = self._walker.swapped(before) if self._event == TOUCHDOWN else before
@@ -213,7 +213,7 @@ class Section:
     @property
     @building
     def left_out(self) -> Function:
-        """(z, p) -> the conditions that ``conditions`` leaves out because sampled ones depend on the others."""
+        """(z, p) -> the conditions that ``conditions`` leaves out, because at a sample they depend on the others."""
         rows = [] if self.stated else [k for k in range(self._c.numel()) if k not in self._rows]
         z, p, c = (SX.sym("z"), SX.sym("p"), SX(0, 1)) if self.stated else (self._z, self._p, self._c[rows])
         return Function("left_out", [z, p], [densify(c)])
@@ -411,16 +411,16 @@ def _solved_coordinates(
 ) -> tuple[list[int], list[int]]:
     """Indices of the coordinates for which the equations are solved, and of the independent equations.
 
-    First come the coordinates of massless contacts, then the base point, then the shape from its end; those that the
-    class names in ``section`` and ``section_rates`` come last. Equations for velocities and for the energy are solved
-    for rates; the margin that ends a cycle may be solved for a coordinate or a rate.
+    Coordinates of massless contacts are preferred, then those of the base point, then the shape from its end;
+    coordinates that the class names in ``section`` and ``section_rates`` come last. Equations for velocities and for
+    the energy are solved for rates; the margin that ends a cycle may be solved for a coordinate or a rate.
     """
     eom, names, n = equations_of_motion(walker), walker.state_names(), len(walker.coordinates())
-    own = [key for name in walker.placed_contacts() for key in eom.mechanism.contacts[name].places]
-    shape = [name for name in reversed(walker.shape) if name not in own]
+    of_contacts = [key for name in walker.placed_contacts() for key in eom.mechanism.contacts[name].places]
+    shape = [name for name in reversed(walker.shape) if name not in of_contacts]
 
     def preferred(stated: Sequence[str]) -> list[int]:
-        order = sorted([*own, "x", "y", *shape], key=lambda name: name in stated)
+        order = sorted([*of_contacts, "x", "y", *shape], key=lambda name: name in stated)
         return [names.index(name) for name in order if name in names and names.index(name) not in stale]
 
     places, rates = preferred(walker.section), [k + n for k in preferred(walker.section_rates or ())]

@@ -1,11 +1,11 @@
 """An atlas: where the gaits of a family exist, slip and are stable, over two parameters.
 
-The branch in the first parameter is computed at some values of the second: the first one from the gait of the problem,
-the others from a gait of the first. Special points of the branches are traced over both parameters, and so are the
-curves that begin at codimension-two points, until nothing new appears. Where these curves do not explain how two
-neighbouring branches differ, the branch between them is added, down to a smallest distance. ``gait.regions`` arranges
-branches and curves into regions. One gait in the middle of every region is solved again and verified by simulation; a
-region whose gait fails is unknown.
+Branches in the first parameter are computed at some values of the second parameter. One of them begins at the gait of
+the problem, each of the others at a gait of this branch or of a neighbour. Special points of the branches are traced
+over both parameters, as are the curves that begin at codimension-two points, until no new curve appears. If the curves
+do not explain how two neighbouring branches differ, a branch between them is added, down to a smallest distance.
+``gait.regions`` arranges branches and curves into regions. One gait in the middle of every region is solved again and
+verified by simulation; a region whose gait fails is unknown.
 
 Every branch, every curve and every verified gait is one job, see ``atlas_job``.
 """
@@ -76,17 +76,17 @@ def _is_outdated(line: Record) -> bool:
 
 ATLAS_JOBS = ResultFile(name="atlas.jsonl", key="job", model=AtlasJobRecord, is_outdated=_is_outdated)
 STORED_POINTS = 9
-"""Number of gaits of a segment that are stored: its two ends, and others evenly between them."""
+"""Number of stored gaits of a segment: those at its two ends, and others evenly spaced between them."""
 INSIDE = 1e-9
-"""A start is moved into the range by this part of it: a branch cannot begin at its own target."""
+"""A start at an end of the range is moved inwards by this fraction of the range, as no branch begins at its target."""
 TRACEABLE = ("fold", "period_doubling", "neimark_sacker", *MARGINS)
-"""Types of special points that have a curve, besides ends of families at a margin."""
+"""Types of special points that can be traced, besides ends of families at a margin."""
 MOVING_POINTS = 200
-"""Largest number of points of the family from a known gait to the place where a branch begins."""
+"""Largest number of points of the family that leads from a known gait to the start of a branch."""
 LARGEST_LENGTH = 0.05
 """Largest arclength of a step along a branch: twice that of a continuation, because only special points matter."""
 MOST_TRACES, MOST_TRACED = 60, 200
-"""Largest number of curves that are traced, and of points of each in either direction."""
+"""Largest number of traced curves, and largest number of points of a curve in either direction."""
 SAME_VALUE = 1e-6
 """Relative difference below which two values are the same."""
 
@@ -115,8 +115,8 @@ class Atlas(Reported):
 
     def __repr__(self) -> str:
         span = " and ".join(f"{axis.key} {axis.lower:g} to {axis.upper:g}" for axis in self.axes)
-        found = self.arrangement
-        counts = f"{counted(len(found.regions), 'region')}, {counted(len(found.curves), 'curve')}"
+        regions, curves = self.arrangement.regions, self.arrangement.curves
+        counts = f"{counted(len(regions), 'region')}, {counted(len(curves), 'curve')}"
         return f"<Atlas {self.problem.name} over {span}: {counts}>"
 
     @property
@@ -173,7 +173,7 @@ class Atlas(Reported):
         return float(np.prod([axis.upper - axis.lower for axis in self.axes]))
 
     def to_frame(self) -> "DataFrame":
-        """One row per region: modes, stability, sheet, part of the area, and a verified gait in it."""
+        """One row per region: modes, stability, sheet, fraction of the area, and a verified gait in it."""
         keys = [axis.key for axis in self.axes]
         header = ("modes", "stable", "sheet", "area", *keys, "spectral_radius", "period")
         rows = [
@@ -185,7 +185,7 @@ class Atlas(Reported):
 
 
 def read_atlas(place: Path) -> Atlas:
-    """The atlas in a folder, which is a part of the run of its problem."""
+    """The atlas in a subfolder of the run folder of its problem."""
     run = Run.at(place)
     stated = validated(AtlasRecord, run.read_object(ATLAS_FILE), place / ATLAS_FILE)
     grid = validated(Grid, {"axes": stated["over"]}, place / ATLAS_FILE)
@@ -247,7 +247,7 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
 
     @cached_property
     def run(self) -> Run:
-        """The part of the run with its files."""
+        """The subfolder of the run folder that contains the atlas."""
         return Run(self.folder, f"atlas-{key_of([*map(str, self.axes), *self.identity])[:8]}")
 
     def check(self) -> None:
@@ -312,7 +312,7 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
             branches |= done
 
     def _between(self, slices: Sequence[Slice], traces: Sequence[Traced]) -> dict[float, float]:
-        """Values of the second parameter at which a branch is missing, each with that of the branch it starts from."""
+        """Values of the second parameter at which a branch is missing, each with the value where its start is known."""
         second, values = self.axes[1], [each.value for each in slices]
         smallest = (second.upper - second.lower) / (self.slices - 1) / 2**self.refinements
         gaps = (j for j in open_gaps(slices, traces, self.span) if values[j + 1] - values[j] > 1.5 * smallest)
@@ -488,7 +488,7 @@ def slice_job(
 def _starts(
     problem: Problem, first: Axis, second: Axis, value: float, start: Record | None, should_stop: Stop
 ) -> Iterator[Gait]:
-    """Gaits from which a branch may be followed: that of the problem, or those of another branch, each moved there."""
+    """Gaits at which a branch may begin: that of the problem or those of another branch, followed to this value."""
     inside = INSIDE * (first.upper - first.lower)
 
     def begin(at: float) -> float:
@@ -564,14 +564,14 @@ def _doubled(
 def _cut(
     chain: Sequence[BranchPoint | SpecialPoint], backwards: int, key: str
 ) -> tuple[list[list[dict[str, Any]]], list[dict[str, Any]]]:
-    """Segments and special points of a branch, whose first records were followed towards the lower bound.
+    """Segments and special points of a branch.
 
-    Between two special points that are closer than two points of the branch, the gait in their middle is solved; where
-    that fails the segment is left out, with the first of the two.
+    If the branch has no point between two special points, the gait in their middle is solved. If that fails, the
+    segment and the first of the two special points are left out.
 
     Parameters
     ----------
-    backwards : number of these records.
+    backwards : number of records that were followed towards the lower bound.
     """
     cuts = [k for k, record in enumerate(chain) if isinstance(record, SpecialPoint)]
     segments, specials = list[list[dict[str, Any]]](), [_special(chain[cuts[0]], backwards=backwards > 0)]
@@ -680,7 +680,7 @@ def _by_target(records: Iterable[TracePoint | TraceSpecial]) -> Iterator[list[Tr
 def check_job(
     problem: Problem, at: dict[str, float], known: Record, _: None = None, should_stop: Stop = None
 ) -> dict[str, Any]:
-    """The gait of a region, solved and verified; null with the reason where that fails."""
+    """The record of a region's gait, solved and verified; if that fails, null with the reason."""
     try:
         gait = solve_sequence(at_point(problem, at).with_gait(known), should_stop=should_stop)
     except (ProblemError, SolveError) as error:

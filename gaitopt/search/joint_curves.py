@@ -53,13 +53,13 @@ FORCE_MARGIN = 0.02
 is positive because the motion under the law differs a little from that of the gait."""
 SLACK_WEIGHT = 1e4
 """Weight of the violation of the constraints; the objective is of order one."""
-ROOM = 1e-3
-"""Smallest distance of a curve from the end of a joint's range [rad, or m], except where the gait itself is closer."""
+RANGE_MARGIN = 1e-3
+"""Smallest distance of a curve from the end of a joint's range [rad, or m], unless the gait itself is closer."""
 ANGLE_WEIGHTS = {"constraints": 1.0, "pd": 1e-2}
 """Weight of the distance between curves and joints. Under PD control it only keeps the program well-posed."""
 INVARIANT_POINTS = (0, 1, -2, -1)
 """Control points that the invariance under the impact determines."""
-LEAST_DEGREE = 4
+SMALLEST_DEGREE = 4
 """Smallest degree of an invariant curve that has a free control point."""
 
 
@@ -79,7 +79,7 @@ class Joints:
     force, force_response : ndarrays, shape (N, 2), (N, 2, m) - (f_t, f_n) of the gait [N], and their change per torque.
     sticks : boolean ndarray, shape (N,) - whether the foot sticks.
     friction, weight : static coefficient, and a typical normal force [N].
-    ranges : ndarray, shape (2, m) - least and largest angle of each joint; infinite where its links state none.
+    ranges : ndarray, shape (2, m) - smallest and largest angle of each joint; infinite if its links state none.
     """
 
     names: tuple[str, ...]
@@ -166,7 +166,7 @@ class Joints:
         return float(self.phase[0, 0]), float(self.phase[-1, 0])
 
     @property
-    def least_rate(self) -> float:
+    def smallest_rate(self) -> float:
         """Smallest rate of the phase relative to its mean; positive if the phase is monotone."""
         start, end = self.span
         mean = (end - start) / float(self.t[-1] - self.t[0])
@@ -277,7 +277,7 @@ def _fitted(
     joints: Joints, points: Array, free: list[int], by_point: Array, constant: Array, values: Array,
     largest: Mapping[str, float], *, meets_angles: bool,
 ) -> FittedCurves:  # fmt: skip
-    """The control points that solve the program with du = by_point points + constant; only ``free`` ones may change.
+    """Solve the program with du = by_point points + constant for the control points whose numbers are in ``free``.
 
     Parameters
     ----------
@@ -321,7 +321,9 @@ def _fitted(
 
 
 def _range_constraints(joints: Joints, E: Array, known: Array) -> tuple[Array, Array]:
-    """Rows A and bounds b of A x >= b: every joint stays within its range, or as close to its end as in the gait.
+    """Rows A and bounds b of A x >= b, by which every joint keeps its distance from the ends of its range.
+
+    If the gait itself comes closer to an end, the joint may come as close.
 
     Parameters
     ----------
@@ -334,12 +336,12 @@ def _range_constraints(joints: Joints, E: Array, known: Array) -> tuple[Array, A
         for sign, end in ((1, low), (-1, -high)):
             if np.isfinite(end):
                 rows.append(sign * one)
-                bounds.append(np.minimum(end + ROOM, sign * joints.angles[0, :, j]) - sign * known[:, j])
+                bounds.append(np.minimum(end + RANGE_MARGIN, sign * joints.angles[0, :, j]) - sign * known[:, j])
     return np.vstack(rows), np.concatenate(bounds)
 
 
 def _constraints(joints: Joints, U: Array, u0: Array, largest: Mapping[str, float]) -> tuple[Array, Array]:
-    """Rows A and bounds b of A x >= b: the cone where the foot sticks, the normal force, and the largest torques."""
+    """Rows A and bounds b of A x >= b for the cone while the foot sticks, the normal force and the largest torques."""
     f = joints.force + np.einsum("nij,nj->ni", joints.force_response, u0)
     F = np.einsum("nij,njx->nix", joints.force_response, U)
     rows, bounds, sticks = list[Array](), list[Array](), joints.sticks

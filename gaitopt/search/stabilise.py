@@ -36,7 +36,7 @@ from gaitopt.requests import FeedbackLaw, StabiliseRequest
 from gaitopt.search.joint_curves import (
     CLOCK,
     FORCE_MARGIN,
-    LEAST_DEGREE,
+    SMALLEST_DEGREE,
     FittedCurves,
     Joints,
     invariant_curves,
@@ -92,7 +92,7 @@ class Stabilised(Tabulated):
     given : the gait that the law repeats.
     law : kind of the law.
     phase : phase of the curves, ``clock`` or the name of a phase variable; empty under feedback from step to step.
-    least_rate : least rate of the phase along the given gait, relative to its mean; None without a phase.
+    least_rate : smallest rate of the phase along the given gait, relative to its mean; None without a phase.
     fitted : the curves, and how closely they repeat the gait; None under feedback from step to step.
     distance : largest difference of a shape coordinate between both gaits, at equal fractions of the step [rad, or m].
     invariance : largest output, or rate of one, just after the impact [rad, rad/s]; None under PD control.
@@ -250,7 +250,7 @@ class _Search:
         solved = solved.verified(verify(solved).to_record())
         made = Stabilised(
             gait=solved, given=self._gait, law=self._law, phase=phase, fitted=fitted,
-            least_rate=None if joints is None else joints.least_rate,
+            least_rate=None if joints is None else joints.smallest_rate,
             invariance=_invariance(solved), distance=_distance(self._gait, solved), bound=self._request.radius,
         )  # fmt: skip
         if self._best is None or _rank(made) < _rank(self._best):
@@ -352,9 +352,9 @@ def _along_phase(gait: Gait, names: Sequence[str], motors: Sequence[str], stated
     rates = list[str]()
     for phase in known if stated is None else [stated]:
         joints = Joints.of(gait, names, motors, phase)
-        if joints.least_rate > MONOTONE:
+        if joints.smallest_rate > MONOTONE:
             return joints, phase
-        rates.append(f"{phase} ({joints.least_rate:.2g})")
+        rates.append(f"{phase} ({joints.smallest_rate:.2g})")
     words = f"least rate relative to the mean: {', '.join(rates)}"
     raise ProblemError(f"{name}: no phase is monotone along the gait ({words}); use a PD law over the clock")
 
@@ -377,7 +377,7 @@ def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[I
                 "gait in which one motor less is used"
             )
         joints, phase = _along_phase(gait, motors, motors, request.phase)
-        degrees = range(LEAST_DEGREE, MOST_DEGREE + 1) if request.degree is None else [request.degree]
+        degrees = range(SMALLEST_DEGREE, MOST_DEGREE + 1) if request.degree is None else [request.degree]
         fits = [invariant_curves(joints, degree, efforts) for degree in degrees]
         close = [fit for fit in fits if fit.deviation < CLOSE and fit.violation <= VIOLATED]
         rate, slips = SETTLING / gait.scalar("period"), any(arc.mode.slips for arc in gait.arcs)

@@ -4,9 +4,10 @@ All quantities are in natural units. If a margin is at its edge at the start of 
 
     margin + INSTANT rate + INSTANT^2 bend / 2 < 0      the margin has fallen; otherwise it leaves its edge upwards
 
-A dip of no more than EDGE, rate^2 / (2 bend) < EDGE, is not an event. The margin ``painleve`` always counts as fallen
-at its edge, because the equations of motion are singular there. If a force stays at its edge up to rounding, the mode
-holds: a foot that needs exactly the available friction sticks, and a foot without a force remains on the ground.
+A margin that dips below its edge by less than EDGE, rate^2 / (2 bend) < EDGE, is not an event. The margin ``painleve``
+always counts as fallen at its edge, because the equations of motion are singular there. A force that stays at its edge
+up to rounding does not end the mode: a foot that needs exactly the available friction sticks, and a foot without a
+force remains on the ground.
 
 Events are located by Newton's method on the motion itself. An integrator's interpolant is not used, because it is three
 digits less accurate than the integration steps.
@@ -25,13 +26,14 @@ PRIORITY = (
     "painleve", "regularity", "normal_force", "upright", "clearance", "touchdown", "gap", "", "slip_velocity",
     "cone_forward", "cone_backward",
 )  # fmt: skip
-"""Order of simultaneous events. First come those after which the model does not hold (a normal force has no meaning if
+"""Order of simultaneous events. First come those after which the model is not valid (a normal force has no meaning if
 the slip has no unique solution), then the impact, which cancels any simultaneous change of mode, then stops and
 switches (the empty name), then changes of mode."""
 EDGE = 1e-12
 """A margin is at its edge if it is this close to zero, the rounding error of contact forces in units of the weight."""
 AT_REST = EDGE
-"""A foot with a slower slip than this at the start (unit sqrt(g l)) is at rest: it would stop within an instant."""
+"""A foot is at rest at the start if it slips more slowly than this, in units of sqrt(g l): it would stop within an
+instant."""
 SIMULTANEOUS = 1e-12
 """Events are simultaneous if they are this close in time, the accuracy to which the worst of them is located."""
 INSTANT = 1e-9
@@ -39,16 +41,16 @@ INSTANT = 1e-9
 LINEAR = 1e-11
 """A Newton step that is shorter in time is exact, even within a slip that lasts ten instants."""
 NEAR = 1e-9
-"""A Newton step from the root of a lifted margin is exact if it is shorter. This is its length if the margin falls at a
-rate of 1e-3; the bend of a margin other than a slip velocity then changes the root by 1e-15."""
+"""A Newton step from the root of a lifted margin is exact if it is shorter than this. It has this length if the margin
+falls at a rate of 1e-3; the bend of a margin other than a slip velocity then changes the root by 1e-15."""
 FALLING = frozenset(name for name, known in PHASE_MARGINS.items() if not known.rises)
 """Margins that may fall at the start of an arc. The others rise first: the feet are level at the start of a step, and
 stops and switches, which may have any name, have just been released."""
 STEEP = 1e-3
-"""If the rate of a margin at its edge exceeds this, its bend does not matter: it would have to be a million."""
+"""If the rate of a margin at its edge exceeds this, only a bend of a million would matter."""
 STEADY, STRAIGHT = 1e-11, 1e-6
-"""A force at its edge stays there if rate and bend are below these, the rounding errors of a rate, and of a difference
-over ``LOOK_AHEAD``. If it falls after all, the event is found when it has left its edge."""
+"""A force at its edge stays there if its rate and bend are below these, the rounding errors of a rate and of a
+difference over ``LOOK_AHEAD``. If it falls nevertheless, the event is found as soon as it has left its edge."""
 LOOK_AHEAD = 1e-7
 """Time over which a difference of rates gives the bend to a relative accuracy of 1e-8."""
 MAX_NEWTON_STEP = 1e-3
@@ -58,7 +60,7 @@ BARELY_MOVING = 1e-18
 """Number by which the margin of a slip velocity is lifted, see ``lift``. The shortest slips that are resolved reach ten
 times this velocity."""
 MAX_ITERATIONS = 100
-"""Enough iterations to bisect any interval down to rounding."""
+"""Largest number of iterations, enough to bisect any interval down to rounding."""
 
 
 class Point(NamedTuple):

@@ -1,9 +1,8 @@
 """Outcomes of simulated steps: one step as a record, many steps as arrays in which numbers stand for names.
 
 The code of an ending is its index in ``ENDINGS``; ``completed`` is 0. The code of a mode is its index in
-``Walker.modes()``, which lists contacts first. The code of an impact is the index of the contact mode after it in
-``Walker.foot_modes()``. The code of the phases of a step has a digit for every phase, 1 + code of its mode, in base 1 +
-number of modes.
+``Walker.modes()``. The code of an impact is the index of the contact mode after it in ``Walker.foot_modes()``. A mode
+sequence is coded as a number in base 1 + (number of modes), with the digit 1 + (code of the mode) for every phase.
 """
 
 import math
@@ -98,7 +97,7 @@ class StepOutcomes(ReadOnlyArrays):
         return phase_names(int(self.phases[row]), self.modes)
 
     def followed_by(self, steps: "StepOutcomes", rows: NDArray[np.intp]) -> "StepOutcomes":
-        """These motions, extended by further ``steps`` of ``rows``, which were completed."""
+        """These motions, of which those of ``rows``, all completed, are extended by further ``steps``."""
         joined: dict[str, Any] = {name: getattr(self, name).copy() for name in ARRAYS}
         for name in ("states", "endings", "impacts"):
             joined[name][rows] = getattr(steps, name)
@@ -133,7 +132,7 @@ def phase_names(code: int, modes: Sequence[Mode]) -> tuple[Mode, ...]:
 
 
 def stack_outcomes(outcomes: Sequence[StepOutcome], starts: Array, system: HybridSystem) -> StepOutcomes:
-    """The arrays of steps that were simulated one by one from ``starts``, shape (n, n_z)."""
+    """The outcomes of steps that were simulated one by one from ``starts``, shape (n, n_z), as arrays."""
     n, modes, contacts = len(starts), system.walker.modes(), system.walker.foot_modes()
     states, times, lengths = starts.copy(), np.zeros(n), np.full(n, np.nan)
     phases, impacts = np.zeros(n, dtype=np.int64), np.full(n, NONE)

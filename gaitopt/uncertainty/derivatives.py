@@ -8,9 +8,9 @@ An event at the margin g = 0 is shifted by the time tau; the state just after it
 
     tau = -(g_z Z + g_p) / (dg/dt)           Z -> R_z (Z + f_minus tau) + R_p - f_plus tau
 
-At the impact that ends the step the last term is absent, because states are compared just after the impact, and tau is
-the change of the period. Extrema along the step, such as the clearance, change by their partial derivatives alone, or
-at the end of the step also by their rate times tau.
+At the impact that ends the step the last term is absent, because states are compared just after the impact; tau is then
+the change of the period. An extremum inside an arc, such as the clearance, changes by its partial derivatives alone; at
+the end of an arc its rate times tau is added.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ from gaitopt.simulation.ground import OnTiles
 from gaitopt.verification.return_map import event_at_end
 
 RTOL, ATOL = 1e-12, 1e-13
-"""Tolerances of the deviations, whose entries are of the order of one in SI."""
+"""Relative and absolute tolerance of the deviations, whose entries are of the order of one in SI."""
 OUTPUTS = ("period", "step_length", "foot_clearance", "cone_distance")
 """Quantities of a step that a tile changes [s, m, m, N]; ``cone_distance`` is min(mu f_n - |f_t|) while sticking."""
 AT_END = 1e-6
@@ -56,9 +56,9 @@ class StepDerivatives(ReadOnlyArrays):
 
 
 def tile_parameters(on_tiles: OnTiles, quantity: str) -> dict[str, tuple[tuple[int, float], ...]]:
-    """Indices and weights of the parameters of a step through which a quantity of a tile acts.
+    """The parameters through which a quantity of a tile acts on a step: their indices and weights.
 
-    ``landed`` is the step that ends on the tile, ``stands`` the next one, which begins on it.
+    The key ``landed`` is for the step that ends on the tile, ``stands`` for the next one, which begins on it.
     """
     if quantity == "friction":
         return {
@@ -138,7 +138,7 @@ def step_derivatives(step: Step, dynamics: Dynamics, places: Sequence[int]) -> S
 
 
 def _flowed(dynamics: Dynamics, arc: Arc, Z: Array, end: float, places: tuple[int, ...]) -> Array:
-    """Deviations at a time of an arc, from those at its start."""
+    """Deviations at the time ``end`` of an arc, from the deviations ``Z`` at its start."""
     system = dynamics.system
     if end <= arc.start:
         return Z
@@ -191,7 +191,7 @@ def _nearest_to_cone(step: Step, dynamics: Dynamics) -> tuple[Arc, float, str] |
 def _change_of_cone(
     dynamics: Dynamics, arc: Arc, first: Array, cone: tuple[Arc, float, str], tau: Array, places: tuple[int, ...]
 ) -> Array:
-    """Change of the least distance to the cone."""
+    """Derivatives of the smallest distance to the cone, shape (n_z + m,)."""
     _, time, name = cone
     system, n = dynamics.system, dynamics.system.n_z
     at_end = arc.end - time < AT_END * arc.duration

@@ -1,14 +1,15 @@
 """The mean number of steps to a fall on random floors, by many walks and from the metastable eigenvalue.
 
-Walks that have not fallen are counted with the steps that they have taken: after a few steps the chance to fall is the
-same in every step, and T steps with k falls have the mean T / k, with the interval of a Poisson process.
+**By many walks.** Walks that have not fallen count with the steps that they have taken: after a few steps the
+probability of a fall is the same in every step, so that k falls in T steps give the mean T / k, with the interval of a
+Poisson process.
 
-Once its start is forgotten, a walk that has not fallen yet has a distribution of states that no longer changes, the
-metastable one. The share of walks that survive a step is then the largest eigenvalue of the operator of one step in
-which falls are removed, and the mean number of steps is 1 / (1 - eigenvalue). Byl & Tedrake (2009), Int. J. Robotics
-Research 28, 1040-1064, find it on a mesh of states. Interpolation on a mesh spreads the states by about a cell in
-every step, which decides about falls that are rare. Here the cells of a mesh hold weighted walks, so that a cell may
-stand for one walk of 1e20:
+**From the eigenvalue.** After many steps, the states of the walks that have not fallen have a distribution that no
+longer changes, the metastable one. The share of walks that survive a step is then the largest eigenvalue of the
+operator of one step in which falls are removed, and the mean number of steps is 1 / (1 - eigenvalue). Byl & Tedrake
+(2009), Int. J. Robotics Research 28, 1040-1064, compute the eigenvalue on a mesh of states. Interpolation on a mesh
+spreads the states by about a cell in every step, which would change the probability of rare falls. Here the cells of
+the mesh contain weighted walks instead, so that a cell may represent one walk of 1e20:
 
     step         each walk takes a step, and lands on a tile of its own
     fall         1 - eigenvalue = the weight of the walks that fall; they are removed, and the rest is scaled to one
@@ -35,21 +36,22 @@ from gaitopt.verification.tiled_walks import TiledSteps, TiledWalks
 CONFIDENCE = 0.99
 """Level of the confidence intervals."""
 TRANSIENT, BLOCK, MOST_BLOCKS = 60, 40, 20
-"""Number of steps after which the start of the weighted walks is forgotten, steps of a block whose falls are averaged,
-and largest number of blocks."""
+"""Number of steps after which the weighted walks no longer depend on their start, number of steps in a block, over
+which the falls are averaged, and largest number of blocks."""
 FEWEST_BLOCKS, EMPTY_BLOCKS, PRECISE = 4, 8, 0.15
-"""Blocks after which the search ends as soon as the logarithm of the mean is known to this precision, and after which
-it ends if no walk has fallen, or goes on with a mesh."""
+"""Number of blocks after which the search ends as soon as the logarithm of the mean is known to the precision
+``PRECISE``, and number of blocks without a fall after which it ends, or continues with a mesh."""
 WALKS, FEWEST_WALKS, MOST_CELLS = 2000, 4, 1000
-"""Number of weighted walks, the least one in a cell, and the largest number of cells."""
+"""Number of weighted walks, smallest number of walks in a cell, and largest number of cells."""
 CELL, WIDER, WIDE, LEVELS = 0.3, 1.1, 4.0, 8
-"""Size of a cell in standard deviations of the states, the factor by which it grows while there are too many, the size
-above which the tiles are divided more coarsely too, and the number of parts of the distribution of each quantity of a
-tile up to this size."""
+"""Size of a cell in standard deviations of the states, and the factor by which it grows while there are too many cells.
+The distribution of each quantity of a tile is divided into ``LEVELS`` intervals, or into fewer if cells are larger than
+``WIDE``."""
 SMALLEST_VARIANCE, SMALLEST_WEIGHT = 1e-16, 1e-150
-"""A direction with a smaller variance, in natural units, is none; a walk with a smaller weight is left out."""
+"""Directions with a smaller variance, in natural units, are not divided into cells; walks with a smaller weight are
+left out."""
 MOST_COORDINATES = 4
-"""Largest number of coordinates of a section that a mesh fills."""
+"""Largest number of section coordinates: the walks would not fill a mesh in more dimensions."""
 
 
 def count_falls(
@@ -112,7 +114,7 @@ def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: S
         shares = s**3 * (10 + s * (6 * s - 15))  # weight of a tile: derivative of its share by s
         return {name: floor.spreads[name].quantiles(shares[:, k], BOUNDS[name][0]) for k, name in enumerate(names)}
 
-    for most_cells in (1, MOST_CELLS):  # where falls are frequent, walks of equal weight are the best ones
+    for most_cells in (1, MOST_CELLS):  # if falls are frequent, walks of equal weight give the smallest error
         z, under = np.tile(gait.state, (WALKS, 1)), random.random((WALKS, len(names)))
         w, group = _tile_weights(under), FEWEST_WALKS
         w, falls, n = w / w.sum(), list[float](), 0
@@ -187,7 +189,7 @@ def _cells(y: Array, s: Array, w: Array, most: int) -> NDArray[np.intp]:
 
 
 def _resampled(cells: NDArray[np.intp], w: Array, random: np.random.Generator) -> tuple[NDArray[np.intp], Array, int]:
-    """The walks that go on, cell by cell, their weights, and the number of those in a cell."""
+    """The walks that continue, cell by cell, their weights, and the number of walks in a cell."""
     totals = np.bincount(cells, w)
     count, order = totals.size, np.argsort(cells, kind="stable")
     group = max(FEWEST_WALKS, WALKS // count)

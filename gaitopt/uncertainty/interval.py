@@ -11,7 +11,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.uncertainty.limits import LARGEST_FRICTION
 
 NONE = "none"
-"""Stated as the end of an interval that continues beyond the values examined."""
+"""Type of the end of an interval that continues beyond all values examined."""
 SMALLEST = 1e-3
 """Smallest value examined, relative to that of the gait, if the problem does not allow zero."""
 REACH = 2.0
@@ -50,11 +50,11 @@ def _target(gait: Gait, key: str, value: float, sign: int) -> float | None:
     """The value to which the gait is followed on one side; None if the problem allows no value there."""
     objection: Callable[[str, float], str | None] = gait.problem.objection
     if key.startswith("friction"):
-        wanted: tuple[float, ...] = (0.0, SMALLEST * value) if sign < 0 else (max(LARGEST_FRICTION, REACH * value),)
+        targets: tuple[float, ...] = (0.0, SMALLEST * value) if sign < 0 else (max(LARGEST_FRICTION, REACH * value),)
     else:
         size = abs(value) or 1.0
-        wanted = tuple(value + sign * part * size for part in (REACH, 1.0, 1 - SMALLEST, 0.5, 0.1))
-    return next((each for each in wanted if each != value and not objection(key, each)), None)
+        targets = tuple(value + sign * fraction * size for fraction in (REACH, 1.0, 1 - SMALLEST, 0.5, 0.1))
+    return next((target for target in targets if target != value and not objection(key, target)), None)
 
 
 def _end(gait: Gait, key: str, target: float | None, should_stop: Stop) -> tuple[float | None, str]:

@@ -28,11 +28,11 @@ BLOCK = 64
 SECTIONS = 16
 """Number of parts into which each refinement divides a bracket."""
 LARGEST_FRICTION, FRICTION_STEP = 3.0, 0.001
-"""Largest friction, and distance of the values that are tried."""
+"""Largest friction that is tried, and distance between tried values."""
 LARGEST_STEP, STEP_STEP = 0.2, 0.001
-"""Largest change of height [m] or slope [rad], and distance of the values that are tried."""
+"""Largest change of height [m] or slope [rad] that is tried, and distance between tried values."""
 LARGEST_PUSH, PUSH_STEP = 3.0, 0.002
-"""Largest change of a rate, in SI, and distance of the values that are tried."""
+"""Largest change of a rate that is tried, in SI, and distance between tried values."""
 DIRECTIONS, SHRINKS, NEAREST_STEP, GROWTH, FARTHEST = 128, 4, 0.002, 1.25, 1.0
 """Random directions of the search for the nearest state, its refinements, its first and last radius in natural units,
 and the ratio of successive radii."""
@@ -126,8 +126,8 @@ def patch_limit(
         step, end = -step, -end
 
     def survives(values: Array) -> NDArray[np.bool_]:
-        least = 0.0 if kind.startswith("friction") else -LARGEST_STEP  # rounding of the last value may pass it
-        return survive(gait, patch_floors(kind, length, np.maximum(values, least), nominal), engine)
+        lowest = 0.0 if kind.startswith("friction") else -LARGEST_STEP  # the last value may be below by rounding
+        return survive(gait, patch_floors(kind, length, np.maximum(values, lowest), nominal), engine)
 
     found = limit(survives, start, step, end, should_stop=should_stop)
     if whole and found.tried and abs(found.tried[-1] - end) > abs(step):
@@ -179,10 +179,10 @@ def push_limit(gait: Gait, rate: str, direction: int, engine: Engine, *, should_
 def nearest_failure(
     gait: Gait, engine: Engine, *, seed: int = 0, should_stop: Stop = None
 ) -> tuple[float, Mapping[str, float]] | None:
-    """Distance from the gait to the nearest state found that does not return, and this state; None if none is found.
+    """The state nearest to the gait that does not return, with its distance; None if the search finds none.
 
-    The distance is the Euclidean one of the section coordinates in natural units. The search
-    follows rays along the axes and in random directions, then varies the best direction by ever smaller amounts.
+    The distance is the Euclidean one of the section coordinates in natural units. The search follows rays along the
+    axes and in random directions, then varies the best direction by smaller and smaller amounts.
     """
     section, units = gait.system.section(gait.cycle), gait.dynamics.state_units
     at, unit = gait.state[section.indices], units[section.indices]
