@@ -33,6 +33,9 @@ NARROWEST_WIDTH, WIDEST_WIDTH = 20, 10_000
 """Bounds of the width that COLUMNS may state [characters]. The narrowest shows a table of one column; the widest is
 wider than any screen."""
 
+STOPPING = "stopping after this iteration; press Ctrl-C again to stop at once"
+"""The line that the first Ctrl-C prints during a solve."""
+
 Progress = Callable[[int, Any], None]
 Record = Mapping[str, Any]
 
@@ -143,7 +146,7 @@ class Terminal:
         from gaitopt.api.progress import solver_progress
 
         with (
-            interruptible(at_once=False) as interrupted,
+            interruptible(lambda: self.narration.print(STOPPING)) as interrupted,
             solver_progress(self.narration, f"solving {name}") as progress,
         ):
             yield progress, interrupted
@@ -196,10 +199,11 @@ def listening() -> Iterator[SignalRecord]:
 
 
 @contextmanager
-def interruptible(*, at_once: bool = True) -> Iterator[Callable[[], bool]]:
+def interruptible(announce: Callable[[], object] | None = None) -> Iterator[Callable[[], bool]]:
     """Yield a function that returns whether Ctrl-C was pressed; if so, the block ends with a KeyboardInterrupt.
 
-    Unless it ends ``at_once``, the first Ctrl-C lets the block go on to where it stops by itself and keeps what it has.
+    With ``announce``, the first Ctrl-C calls it and lets the block go on to where it stops by itself and keeps what it
+    has; the second ends the block at once. Without it, the first one does.
 
     The flag is needed because CasADi may swallow the KeyboardInterrupt and return normally, or turn it into another
     error. Python delivers signals to the main thread only; in other threads the function always returns False.
@@ -215,8 +219,10 @@ def interruptible(*, at_once: bool = True) -> Iterator[Callable[[], bool]]:
         with suppress(KeyboardInterrupt):  # the command notes the signal
             if callable(before):
                 before(signum, frame)
-        if at_once or again:
+        if announce is None or again:
             raise KeyboardInterrupt
+        with suppress(RuntimeError):  # the signal came while another line was printed to the same stream
+            announce()
 
     before = signal.signal(signal.SIGINT, remember)
     try:

@@ -11,6 +11,7 @@ from named import named
 
 import gaitopt as go
 from gaitopt.cli.main import main
+from gaitopt.cli.terminal import STOPPING
 from gaitopt.design.design import design_scenarios
 from gaitopt.gait.ranges import DesignRange
 from gaitopt.show.tables import printed
@@ -201,6 +202,7 @@ def test_ctrl_c_keeps_the_point_that_a_design_over_a_range_has_reached(tmp_path)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate()
     assert process.returncode == 130
+    assert STOPPING in err.splitlines()
     assert err.splitlines()[-2:] == [
         "the point where it ended is in run; `--start run` goes on from it",
         "gaitopt: interrupted",
