@@ -252,9 +252,9 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return f"the contact {contact}" if cls.label(contact) else f"the {contact.replace('_', ' ')}"
 
     @classmethod
-    def contact_mode(cls, states: Mapping[str, str]) -> Mode:
+    def contact_mode(cls, words: Mapping[str, str]) -> Mode:
         """The mode, without stops, in which the contacts have these states by name."""
-        return Mode.of_feet({SWING_FOOT: OFF, **states}) if cls.stands_on_one() else Mode.of_contacts(states)
+        return Mode.of_feet({SWING_FOOT: OFF, **words}) if cls.stands_on_one() else Mode.of_contacts(words)
 
     @classmethod
     def mode_words(cls, *, after_impact: bool = False) -> tuple[str, ...]:
