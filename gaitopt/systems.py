@@ -21,7 +21,7 @@ from gaitopt.model.control import Control
 from gaitopt.model.curve import BeyondEnd, Curve, Piece, bezier_curve, continued, control_points
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.open_loop import OpenLoop
-from gaitopt.model.reference import FreeCurves, GaitCurves, GaitMotion, Reference
+from gaitopt.model.reference import CurveReference, GaitReference, Reference
 from gaitopt.model.step_feedback import Resolved
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.virtual_constraints import VirtualConstraints
@@ -285,9 +285,9 @@ def _bound(reference: Reference, gait: Gait, problem: Problem) -> Reference:
         If the phase variable turns back along the gait.
     """
     law, followed, period = problem.control, reference.followed(type(problem.walker)), gait.scalar("period")
-    if not isinstance(reference, GaitCurves | FreeCurves):
+    if not isinstance(reference, GaitReference | CurveReference):
         return reference
-    if isinstance(reference, GaitMotion) and not law.phase_variable:
+    if isinstance(reference, GaitReference) and not law.phase_variable:
         assert reference.beyond_end is not None  # problems without it are rejected when they are read
         return reference.with_curve(gait_curve(gait, reference.beyond_end, followed))
     times, phase, span = np.linspace(0, period, FITTED_POINTS), law.phase_variable, (0.0, period)
@@ -303,10 +303,10 @@ def _bound(reference: Reference, gait: Gait, problem: Problem) -> Reference:
         span = float(along[0]), float(along[-1])
         stated = law.span if isinstance(law, VirtualConstraints) else getattr(reference, "span", None)
         span = span if stated is None else (stated[0], stated[1])
-    degree = (reference.degree or 1) if isinstance(reference, GaitCurves) else reference.curve.degree
+    degree = (reference.degree or 1) if isinstance(reference, GaitReference) else reference.curve.degree
     rows, errors = control_points((along - span[0]) / (span[1] - span[0]), angles, degree)
     fitted = {name: tuple(map(float, row)) for name, row in zip(followed, rows, strict=True)}
-    if isinstance(reference, GaitCurves):
+    if isinstance(reference, GaitReference):
         largest = dict(zip(followed, errors.tolist(), strict=True))
         return reference.with_curve(bezier_curve(fitted, span, phase=phase, fit_errors=largest))
     curve, bound = reference.curve, reference.curve.within

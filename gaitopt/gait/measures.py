@@ -197,7 +197,7 @@ def control_record(steps: Sequence[Step]) -> dict[str, Any]:
 
     pairs = zip(names, errors(first, 0).tolist(), errors(last, -1).tolist(), strict=True)
     record["tracking_errors"] = {name: {"start": start, "end": end} for name, start, end in pairs}
-    fits = {joint: error for each in law.targets.values() for joint, error in each.fit_errors.items()}
+    fits = {joint: error for each in law.targets.values() for joint, error in each.motion().fit_errors.items()}
     return record | ({"fit_errors": fits} if fits else {})
 
 

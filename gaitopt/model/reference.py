@@ -5,22 +5,18 @@
     gait                the angles of another gait
     curve               control points that a design finds
 
-Each determines a ``Curve``, once the gait that it names is known, which ``gaitopt.systems`` solves for. There are two
-classes for every kind. The curves of the first run over the phase variable of a control law, ``OverPhase``. Those of
-the second, a ``Motion``, have an argument of their own, the time since the impact or a phase variable, ``Followed``.
+Each reads its keys and returns a ``Curve``, once the gait that it names is known, which ``gaitopt.systems`` solves for.
+The argument of the curve is that of the control law, ``OverPhase``, or the reference states it, ``Followed``: the time
+since the impact or a phase variable.
 """
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
-from itertools import pairwise
-from math import inf, isfinite, pi, radians
+from dataclasses import dataclass
+from math import inf, pi
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from pydantic import (
-    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -32,9 +28,9 @@ from pydantic import (
     WrapValidator,
 )
 
-from gaitopt.arrays import Array
-from gaitopt.model.curve import BeyondEnd, Curve, Piece, bezier_curve, continuation, keys
-from gaitopt.model.units import DURATION, SMALLEST, Angle, Duration, Within, parse_angle, parse_number, unknown_faults
+from gaitopt.model.curve import BeyondEnd, Curve, bezier_curve, keys
+from gaitopt.model.table import LARGEST_POINT, Table, table_curve
+from gaitopt.model.units import DURATION, SMALLEST, Angle, Duration, Within, parse_angle, unknown_faults
 from gaitopt.model.walker import WalkerType
 
 Path = tuple[str | int, ...]
@@ -46,7 +42,8 @@ Fault = tuple[Path, str]
 OVERSHOOT, CURVE_POINTS = 10, 65
 """Largest size of a control point relative to that of the angle, because a curve does not pass through its control
 points; and number of points at which the size of a curve is computed."""
-LARGEST_POINT = 1000
+MOST_KNOTS = 60
+"""Largest number of rows of a table without a degree, because each knot divides the motion."""
 PointValue = Annotated[
     float,
     Field(ge=-LARGEST_POINT, le=LARGEST_POINT, allow_inf_nan=False, strict=True),
@@ -110,6 +107,11 @@ def _guessed(point: float | FreePoint, value: float | None) -> object:
     return {"free": list(point.free), "guess": guess}
 
 
+def _extremes(point: float | FreePoint) -> tuple[float, ...]:
+    """A number, or the bounds of an unknown."""
+    return point.free if isinstance(point, FreePoint) else (point,)
+
+
 def _largest_angle(name: str, walker: WalkerType) -> float:
     """Largest size of a shape coordinate, or of a motor's angle, which is the difference of two; inf for others."""
     if name in {*walker.shape} - {*walker.lengths}:
@@ -136,117 +138,13 @@ def _angle_limit(walker: WalkerType) -> str:
     return f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
 
 
-MOST_KNOTS = 60
-"""Largest number of rows of a table without a degree, because each knot divides the motion."""
-MOST_ROWS = 100_000
-"""Largest number of rows of a table."""
-SMALLEST_STEP = 1e-6
-"""Smallest step of the first column, relative to its range."""
-
-
-class Table(BaseModel):
-    """The name and the content of a table of angles: a line of names, followed by rows of numbers."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    file: Annotated[str, Field(min_length=1, max_length=200, description="name of the file, for messages")]
-    text: Annotated[str, Field(description="content of the file")]
-
-    @property
-    def columns(self) -> Mapping[str, Array]:
-        """Numbers by name, shape (rows,) each, in rad and SI units; the first column is that of the phase.
-
-        Raises
-        ------
-        ValueError
-            With file and line of the first mistake.
-        """
-        return _columns(self)[0]
-
-    @property
-    def decimals(self) -> Mapping[str, tuple[str, ...]]:
-        """The numbers as texts of the file, with ``deg`` if their column has this unit; for errors see ``columns``."""
-        return _columns(self)[1]
-
-
-@lru_cache(maxsize=32)
-def _columns(table: Table) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
-    """Numbers and decimals of a table by the names of its columns."""
-    lines = [(k, line.strip()) for k, line in enumerate(table.text.removeprefix("\ufeff").splitlines(), start=1)]
-    lines = [(k, line) for k, line in lines if line and not line.startswith("#")]
-    form = "a line of names such as t,theta2 (rad; or theta2 [deg]), and rows of numbers"
-    if not lines:
-        raise ValueError(f"{table.file} is empty: it must have {form}")
-    (first, header), *rows = lines
-    heads = [re.fullmatch(r"([A-Za-z]\w*)\s*(?:\[(rad|deg|s|m)\])?", word.strip()) for word in header.split(",")]
-    if not all(heads):
-        raise ValueError(f"{table.file}:{first}: {header[:60]!r} does not name the columns: it must have {form}")
-    names, units = zip(*(head.groups() for head in heads if head), strict=True)
-    if len({*names}) < len(names) or len(names) < 2:
-        words = "two columns have one name" if len(names) > 1 else "one column is not enough"
-        raise ValueError(f"{table.file}:{first}: {words}: it must have {form}")
-    if not 2 <= len(rows) <= MOST_ROWS:
-        raise ValueError(f"{table.file} has {len(rows)} rows of numbers, must have from 2 to {MOST_ROWS}")
-    numbers, decimals = np.empty((len(rows), len(names))), list[list[str]]()
-    for n, (k, line) in enumerate(rows):
-        cells = line.split(",")
-        if len(cells) != len(names):
-            raise ValueError(f"{table.file}:{k}: {len(cells)} entries, but there are {len(names)} columns")
-        decimals.append(
-            [f"{cell.strip()} deg" if unit == "deg" else cell.strip() for cell, unit in zip(cells, units, strict=True)]
-        )
-        for column, cell in enumerate(cells):
-            try:
-                numbers[n, column] = parse_number(cell)
-            except ValueError:
-                raise ValueError(f"{table.file}:{k}: {cell.strip()[:40]!r} is not a number") from None
-            if not (isfinite(numbers[n, column]) and abs(numbers[n, column]) <= LARGEST_POINT):
-                words = f"is not a finite number of at most {LARGEST_POINT} in size"
-                raise ValueError(f"{table.file}:{k}: {names[column]} = {cell.strip()} {words}")
-    numbers[:, [unit == "deg" for unit in units]] *= radians(1)
-    steps = np.diff(numbers[:, 0]) * np.sign(numbers[-1, 0] - numbers[0, 0])
-    wrong = np.flatnonzero(~(steps > SMALLEST_STEP * abs(numbers[-1, 0] - numbers[0, 0])))
-    if wrong.size:
-        k = int(wrong[0])
-        words = (
-            f"{numbers[k + 1, 0]:g} after {numbers[k, 0]:g}; it must increase from row to row, or decrease throughout"
-        )
-        raise ValueError(f"{table.file}:{rows[k + 1][0]}: {names[0]} = {words}")
-    return (
-        {name: numbers[:, k] for k, name in enumerate(names)},
-        dict(zip(names, map(tuple, zip(*decimals, strict=True)), strict=True)),
-    )
-
-
-def _read_table(value: Any) -> Any:
-    """The data of a table: its content, or that of columns of numbers by name."""
-    if not isinstance(value, Mapping) or {*value} == {"file", "text"}:
-        return value
-    columns = {str(name): np.asarray(column) for name, column in value.items()}
-    for name, column in columns.items():
-        if column.ndim != 1 or column.dtype.kind not in "iuf":
-            raise ValueError(
-                f"the column {name} is not a list of numbers: give {{t: [0, 0.4, 0.8], JOINT: [0, 0.1, 0.2]}}"
-            )
-    if len({column.size for column in columns.values()}) > 1:
-        sizes = ", ".join(f"{name}: {column.size}" for name, column in columns.items())
-        raise ValueError(f"the columns differ in length ({sizes})")
-    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
-    return {"file": "table", "text": "\n".join(lines) + "\n"}
-
-
-def _check_table(table: Table) -> Table:
-    table.columns  # noqa: B018 - raises if the content is wrong
-    return table
-
-
 CLOCK = "clock"
 """Name of the time since the impact as the argument of curves, instead of a phase variable."""
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
 """Name or path of another problem."""
 GivenPhase = Annotated[
-    Name,
+    Name | None,
+    WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 1000}),
     Field(description="argument of the curves: clock (time since the impact), a shape coordinate or a phase variable"),
 ]
 Phase = Annotated[
@@ -295,6 +193,8 @@ Joints = Annotated[
         "variable; by default each tracked joint or output follows its own angle",
     ),
 ]
+ARGUMENT = ("phase", "duration", "span", "beyond_end")
+"""Keys of the argument of a curve, which a reference does not have if its control law states the argument."""
 
 
 class Reference(BaseModel):
@@ -305,6 +205,7 @@ class Reference(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     _known: Curve | None = PrivateAttr(default=None)
+    _over_law: bool = PrivateAttr(default=False)  # whether the control law states the argument of the curve
 
     def motion(self, phase: str = "", span: tuple[float, float] = (0.0, 1.0)) -> Curve:
         """The curve that the joints follow.
@@ -319,7 +220,13 @@ class Reference(BaseModel):
         ValueError
             If the curve depends on a gait that is not known yet.
         """
-        return self._curve(phase, span) if self._known is None else self._known
+        if self._known is not None:
+            return self._known
+        if self._over_law:
+            return self._curve(phase, span, None)
+        stated = getattr(self, "span", None) or (0.0, getattr(self, "duration", None) or 1.0)
+        beyond_end = getattr(self, "beyond_end", None)
+        return self._curve(self.phase_variable, stated, beyond_end and BeyondEnd(beyond_end))
 
     def with_curve(self, curve: Curve) -> Self:
         """The same reference with a known curve, such as that of the gait in ``source``."""
@@ -337,11 +244,6 @@ class Reference(BaseModel):
     def unknowns(self, walker: WalkerType) -> Mapping[str, tuple[float, float]]:
         """Bounds of the parameters that a design determines rather than the problem file."""
         return _free_bounds(self.free_points(walker)) if self._known is None else self._known.bounds
-
-    @property
-    def fit_errors(self) -> Mapping[str, float]:
-        """Largest distance of fitted curves from their data, by joint [rad, or m]; empty if nothing is fitted."""
-        return {} if self._known is None else self._known.fit_errors
 
     @property
     def structure(self) -> object:
@@ -373,6 +275,11 @@ class Reference(BaseModel):
         """The phase variable over which the motion runs, if the reference states it; empty for the clock."""
         phase: str | None = getattr(self, "phase", None)
         return "" if phase in (None, CLOCK) else str(phase)
+
+    @property
+    def over_phase(self) -> bool:
+        """Whether the argument of the curve is a phase variable."""
+        return self._over_law or bool(self.phase_variable)
 
     # properties that the kinds of references override
 
@@ -406,12 +313,12 @@ class Reference(BaseModel):
         """Mistakes in the reference for a walker: keys with a message for each."""
         yield from ()
 
-    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
+    def _curve(self, phase: str, span: tuple[float, float], beyond_end: BeyondEnd | None) -> Curve:
         raise ValueError(f"the motion follows from {self.source[0] or 'a curve'}, which is not known")
 
 
 def _argument_faults(
-    reference: "BezierMotion | TableMotion | GaitMotion | FreeMotion",
+    reference: "BezierReference | TableReference | GaitReference | CurveReference",
     walker: WalkerType,
     joints: Sequence[str],
     key: str,
@@ -423,7 +330,7 @@ def _argument_faults(
     joints : the joints that the reference states, below ``key``.
     """
     phase, angles, span = reference.phase_variable, (*walker.shape, *walker.phases), getattr(reference, "span", None)
-    has_source = isinstance(reference, GaitMotion | FreeMotion)
+    has_source = isinstance(reference, GaitReference | CurveReference)
     for joint in joints:
         if joint == phase and not has_source:
             yield (key, joint), f"{joint} is the phase variable and cannot follow a curve that depends on it"
@@ -431,7 +338,7 @@ def _argument_faults(
             yield (key, joint), untracked(walker)
     if not phase:
         if reference.beyond_end is None:
-            kinds = "flow, linear, hold or off" if isinstance(reference, GaitMotion) else "linear, hold or off"
+            kinds = "flow, linear, hold or off" if isinstance(reference, GaitReference) else "linear, hold or off"
             yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
         if span is not None and has_source:
             yield ("span",), "does not apply to curves of time: leave it out, or give phase: NAME"
@@ -455,10 +362,13 @@ def untracked(walker: WalkerType) -> str:
     return f"is not a tracked joint of {walker.model}; {words}"
 
 
-# constants
+def _given_curve(reference: Reference, span: tuple[float, float], phase: str, beyond_end: BeyondEnd | None) -> Curve:
+    """The curves of control points in the file."""
+    points = {name: tuple(map(_value, row)) for name, row in reference.points.items()}
+    return bezier_curve(points, span, phase=phase, beyond_end=beyond_end, bounds=_free_bounds(reference.points))
 
 
-class ConstantCurves(Reference):
+class ConstantReference(Reference):
     """Constant angles."""
 
     kind = "constant"
@@ -477,41 +387,23 @@ class ConstantCurves(Reference):
         return {name: (point,) for name, point in self.constant.items()}
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Bounds of unknowns that contradict their guess."""
-        for name, point in self.constant.items():
-            yield from _point_faults(point, "constant", name)
-
-    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
-        return _given_curve(self, span, phase)
-
-
-class ConstantMotion(ConstantCurves):
-    """Constant angles."""
-
-    def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Faults of the numbers, joints that the walker does not track, and angles that it never reaches."""
-        yield from super().faults(walker)
+        """Bounds that contradict a guess, joints that the walker does not track, and angles that it never reaches."""
         for joint, point in self.constant.items():
+            yield from _point_faults(point, "constant", joint)
+            if self._over_law:
+                continue
             if joint not in walker.tracked:
                 yield ("constant", joint), untracked(walker)
                 continue
-            for value in point.free if isinstance(point, FreePoint) else (point,):
+            for value in _extremes(point):
                 if joint in {*walker.shape} - {*walker.lengths} and abs(value) > walker.largest_angle:
                     yield ("constant", joint), f"{value:g} is impossible: {_angle_limit(walker)}"
 
-
-# Bezier curves
-
-
-def _given_curve(
-    reference: Reference, span: tuple[float, float], phase: str, beyond_end: BeyondEnd | None = None
-) -> Curve:
-    """The curves of control points in the file."""
-    points = {name: tuple(map(_value, row)) for name, row in reference.points.items()}
-    return bezier_curve(points, span, phase=phase, beyond_end=beyond_end, bounds=_free_bounds(reference.points))
+    def _curve(self, phase: str, span: tuple[float, float], beyond_end: BeyondEnd | None) -> Curve:
+        return _given_curve(self, span, phase, None)
 
 
-class BezierCurves(Reference):
+class BezierReference(Reference):
     """Bezier curves whose control points are given, or unknowns of a design."""
 
     kind = "bezier"
@@ -520,6 +412,14 @@ class BezierCurves(Reference):
         Field(description="control points of each curve [rad]; each is a number or an unknown"),
     ]
     invariant: Invariant = None
+    phase: GivenPhase = CLOCK
+    duration: Annotated[
+        Duration | None,
+        Field(description="duration of curves in time [s]; the step may end earlier or later"),
+        Within(unit="time", possible=DURATION.possible, usual=DURATION.usual),
+    ] = None
+    span: GivenSpan = None
+    beyond_end: Continuation = None
 
     @property
     def points(self) -> Points:
@@ -532,46 +432,13 @@ class BezierCurves(Reference):
         return bool(self.invariant)
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Curves with fewer than two points, angles that no walker reaches, and bounds that contradict a guess."""
+        """Curves that no walker follows, bounds that contradict a guess, and keys that do not suit the argument."""
         for name, points in self.bezier.items():
-            if len(points) < 2:
-                yield ("bezier", name), f"has {len(points)} control points, must have at least 2"
-                continue
-            largest = _largest_angle(name, walker)
-            words = _angle_limit(walker)
-            for k, point in enumerate(points):
-                yield from _point_faults(point, "bezier", name, k)
-                values = point.free if isinstance(point, FreePoint) else (point,)
-                beyond = [value for value in values if abs(value) > OVERSHOOT * largest]
-                if beyond:
-                    limit = f"control points are at most {OVERSHOOT * largest:g} in size"
-                    yield ("bezier", name, k), f"{beyond[0]:g} is impossible: {limit}, because {words}"
-                    return
-            size = _largest_value([_value(point) for point in points])
-            if size > largest:
-                yield ("bezier", name), f"reaches {size:g} rad, which is impossible: {words}"
-        if self.invariant and len(_free_bounds(self.bezier)) < 2 * len(self.bezier):
-            yield ("invariant",), UNKNOWNS_OF_INVARIANCE
-
-    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
-        return _given_curve(self, span, phase)
-
-
-class BezierMotion(BezierCurves):
-    """Given Bezier curves, as functions of the time since the impact or of a phase variable."""
-
-    phase: GivenPhase = CLOCK
-    duration: Annotated[
-        Duration | None,
-        Field(description="duration of curves in time [s]; the step may end earlier or later"),
-        Within(unit="time", possible=DURATION.possible, usual=DURATION.usual),
-    ] = None
-    span: GivenSpan = None
-    beyond_end: Continuation = None
-
-    def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Faults of curves and phase, and a duration or a span that is missing, empty, or does not apply."""
-        yield from super().faults(walker)
+            yield from self._point_faults(name, points, walker)
+        if self._over_law:
+            if self.invariant and len(_free_bounds(self.bezier)) < 2 * len(self.bezier):
+                yield ("invariant",), UNKNOWNS_OF_INVARIANCE
+            return
         if self.invariant:
             yield ("invariant",), NOT_INVARIANT
         yield from _argument_faults(self, walker, tuple(self.bezier), "bezier")
@@ -587,22 +454,33 @@ class BezierMotion(BezierCurves):
         if getattr(self, other) is not None:
             yield (other,), f"does not apply: {words}"
 
-    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
-        end = self.beyond_end and BeyondEnd(self.beyond_end)
-        return _given_curve(self, self.span or (0.0, self.duration or 1.0), self.phase_variable, end)
+    def _point_faults(self, name: str, points: Sequence[float | FreePoint], walker: WalkerType) -> Iterator[Fault]:
+        """Fewer than two points, angles that the walker never reaches, and bounds that contradict a guess."""
+        largest, words = _largest_angle(name, walker), _angle_limit(walker)
+        if len(points) < 2:
+            yield ("bezier", name), f"has {len(points)} control points, must have at least 2"
+            return
+        for k, point in enumerate(points):
+            yield from _point_faults(point, "bezier", name, k)
+            beyond = [value for value in _extremes(point) if abs(value) > OVERSHOOT * largest]
+            if beyond:
+                limit = f"control points are at most {OVERSHOOT * largest:g} in size"
+                yield ("bezier", name, k), f"{beyond[0]:g} is impossible: {limit}, because {words}"
+                return
+        size = _largest_value([_value(point) for point in points])
+        if size > largest:
+            yield ("bezier", name), f"reaches {size:g} rad, which is impossible: {words}"
+
+    def _curve(self, phase: str, span: tuple[float, float], beyond_end: BeyondEnd | None) -> Curve:
+        return _given_curve(self, span, phase, beyond_end)
 
 
-# tables
-
-
-class TableCurves(Reference):
-    """Polynomials in a phase variable that are closest to the rows of a table."""
+class TableReference(Reference):
+    """Curves through, or closest to, the rows of a table of angles."""
 
     kind = "table"
     table: Annotated[
         Table,
-        BeforeValidator(_read_table),
-        AfterValidator(_check_table),
         Field(
             description="CSV file, relative to this file, or columns {t: [...], JOINT: [...]}; the first column is "
             "the time since the impact [s] or the phase variable, the others are joint angles [rad]"
@@ -619,102 +497,52 @@ class TableCurves(Reference):
             "through all rows",
         ),
     ] = None
+    phase: GivenPhase = CLOCK
+    beyond_end: Continuation = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """The angles that have a column."""
         return tuple(self.table.columns)[1:]
 
-    @property
-    def fit_errors(self) -> Mapping[str, float]:
-        """Distance of the curves from the rows."""
-        return self.motion().fit_errors
-
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """A degree that is missing or too large for the rows."""
-        rows = len(next(iter(self.table.columns.values())))
-        if self.degree is None:
+        """A first column that does not suit the argument, and a degree that does not suit the rows."""
+        (first, argument), *angles = self.table.columns.items()
+        if not self._over_law:
+            yield from (
+                (path[:1], f"{path[1]} {words}" if path[0] == "table" else words)
+                for path, words in _argument_faults(self, walker, [name for name, _ in angles], "table")
+            )
+            expected = self.phase_variable or "t"
+            if first != expected:
+                words = f"its first column is {first}, but must be {expected}"
+                yield ("table",), f"{self.table.file}: {words}, the argument of the curves"
+            elif not self.phase_variable and (argument[0] != 0 or argument[-1] < 0):
+                words = f"t starts at {argument[0]:g} and ends at {argument[-1]:g}"
+                yield ("table",), f"{self.table.file}: {words}, but must rise from 0, the time of the impact"
+        if self.degree is None and self.over_phase:
             words = "a spline of a phase variable would have kinks at states: give degree: 6, or another number"
             yield ("degree",), f"is missing: {words}"
-        elif self.degree >= rows:
-            yield ("degree",), f"{self.degree} is too large: {rows} rows determine at most {rows - 1}"
-
-    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
-        return _table_curve(self.table, self.degree, next(iter(self.table.columns)), None)
-
-
-class TableMotion(TableCurves):
-    """A table of angles, in a file or as columns, against the time since the impact or a phase variable."""
-
-    phase: GivenPhase = CLOCK
-    beyond_end: Continuation = None
-
-    def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Faults of the phase, a first column that does not suit it, and a degree that does not suit the rows."""
-        (first, argument), *angles = self.table.columns.items()
-        yield from (
-            (path[:1], f"{path[1]} {words}" if path[0] == "table" else words)
-            for path, words in _argument_faults(self, walker, [name for name, _ in angles], "table")
-        )
-        expected = self.phase_variable or "t"
-        if first != expected:
-            words = f"its first column is {first}, but must be {expected}"
-            yield ("table",), f"{self.table.file}: {words}, the argument of the curves"
-        elif not self.phase_variable and (argument[0] != 0 or argument[-1] < 0):
-            words = f"t starts at {argument[0]:g} and ends at {argument[-1]:g}"
-            yield ("table",), f"{self.table.file}: {words}, but must rise from 0, the time of the impact"
-        if self.phase_variable or self.degree is not None:
-            yield from super().faults(walker)
-        elif len(argument) > MOST_KNOTS:
+        elif self.degree is None and len(argument) > MOST_KNOTS:
             words = f"a spline through {len(argument)} rows divides the motion at every row; use at most {MOST_KNOTS}"
             yield ("degree",), f"is missing: {words}; give degree: 8, or another number, for polynomials"
+        elif self.degree is not None and self.degree >= len(argument):
+            words = f"{len(argument)} rows determine at most {len(argument) - 1}"
+            yield ("degree",), f"{self.degree} is too large: {words}"
+        if self._over_law:
+            return
         for name, column in angles:
             largest = float(np.abs(column).max())
             if name in {*walker.tracked} & {*walker.shape} - {*walker.lengths} and largest > walker.largest_angle:
                 words = f"{name} reaches {largest:g}, which is impossible: {_angle_limit(walker)}"
                 yield ("table",), f"{self.table.file}: {words}"
 
-    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
-        return _table_curve(
-            self.table, self.degree, self.phase_variable, self.beyond_end and BeyondEnd(self.beyond_end)
-        )
+    def _curve(self, phase: str, span: tuple[float, float], beyond_end: BeyondEnd | None) -> Curve:
+        return table_curve(self.table, self.degree, phase, beyond_end)
 
 
-@lru_cache(maxsize=32)
-def _table_curve(table: Table, degree: int | None, phase: str, beyond_end: BeyondEnd | None) -> Curve:
-    """Polynomials closest to the rows of a table, or cubic splines (not-a-knot), and their continuation.
-
-    Their coefficients are numbers, so that a proof can take their exact values.
-    """
-    argument, *columns = table.columns.values()
-    angles, names, errors = np.array(columns), tuple(table.columns)[1:], dict[str, float]()
-    if degree is None:
-        from scipy.interpolate import CubicSpline  # slow to import, and most problems have no table
-
-        spline, at = CubicSpline(argument, angles, axis=1), chebyshev.chebpts1(4)
-        edges = list(pairwise(argument.tolist()))
-        samples = [spline((start + end) / 2 + (end - start) / 2 * at) for start, end in edges]
-        fitted = [chebyshev.chebfit(at, values.T, 3).T for values in samples]
-    else:
-        edges = [(float(argument[0]), float(argument[-1]))]
-        s = 2 * (argument - argument[0]) / (argument[-1] - argument[0]) - 1
-        fitted = [chebyshev.chebfit(s, angles.T, degree).T]
-        distances = np.abs(chebyshev.chebval(s, fitted[0].T) - angles).max(axis=1)
-        errors = dict(zip(names, distances.tolist(), strict=True))
-    pieces = tuple(
-        Piece(start=start, end=end, rows=tuple(map(tuple, rows.tolist())))
-        for (start, end), rows in zip(edges, fitted, strict=True)
-    )
-    if beyond_end is not None:
-        pieces = (*pieces, continuation(pieces[-1], pieces[-1].end, beyond_end))
-    return Curve(names=names, pieces=pieces, phase=phase, beyond_end=beyond_end, fit_errors=errors)
-
-
-# the angles of another gait
-
-
-class GaitCurves(Reference):
-    """Polynomials in a phase variable that are closest to the angles of another gait."""
+class GaitReference(Reference):
+    """The angles of another gait: its motion in time, or polynomials in a phase variable that are closest to it."""
 
     kind = "gait"
     gait: Annotated[
@@ -733,6 +561,15 @@ class GaitCurves(Reference):
             description="degree of the polynomials fitted to the gait's angles as functions of a phase variable",
         ),
     ] = None
+    phase: Phase = None
+    span: Span = None
+    beyond_end: Annotated[
+        BeyondEnd | None,
+        Field(
+            description="motion after the end of a reference in time: that of the gait without an impact (flow), its "
+            "last rate continues (linear), its last angle is held (hold), or the motors are off (off)"
+        ),
+    ] = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -745,34 +582,13 @@ class GaitCurves(Reference):
         return (self.gait, ("gait",)) if self._known is None else ("", ())
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """A degree that is missing."""
-        if self.degree is None:
+        """Joints that the walker does not track, and keys that do not suit the argument."""
+        if not self._over_law:
+            yield from _argument_faults(self, walker, self.names, "joints")
+        if self.over_phase and self.degree is None:
             yield ("degree",), "is missing: curves of a phase variable are polynomials, for example degree: 8"
-
-
-class GaitMotion(GaitCurves):
-    """The angles of another gait, as functions of the time since the impact or of a phase variable."""
-
-    phase: Phase = None
-    span: Span = None
-    beyond_end: Annotated[
-        BeyondEnd | None,
-        Field(
-            description="motion after the end of a reference in time: that of the gait without an impact (flow), its "
-            "last rate continues (linear), its last angle is held (hold), or the motors are off (off)"
-        ),
-    ] = None
-
-    def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Joints that the walker does not track, and keys that do not suit the phase, or the clock."""
-        yield from _argument_faults(self, walker, self.names, "joints")
-        if self.phase_variable:
-            yield from super().faults(walker)
-        elif self.degree is not None:
+        elif not self.over_phase and self.degree is not None:
             yield ("degree",), "does not apply: without a phase variable the motion of the gait itself is followed"
-
-
-# curves that a design finds
 
 
 class CurveSpec(BaseModel):
@@ -812,17 +628,24 @@ class CurveSpec(BaseModel):
     invariant: Invariant = None
 
 
-class FreeCurves(Reference):
-    """Curves of a phase variable that a design finds."""
+class CurveReference(Reference):
+    """Curves that a design finds."""
 
     kind = "curve"
     curve: CurveSpec
     joints: Joints = None
+    phase: Phase = None
+    span: Span = None
+    beyond_end: Continuation = None
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The angles that have a curve, as far as they are stated."""
-        return tuple(self.joints or self.curve.points or ())
+        """The angles that have a curve, as far as they are stated.
+
+        In time, all tracked joints follow a start unless ``joints`` names some.
+        """
+        by_points = self.over_phase or self.curve.start is None
+        return tuple(self.joints or (self.curve.points if by_points else None) or ())
 
     @property
     def is_invariant(self) -> bool:
@@ -849,43 +672,58 @@ class FreeCurves(Reference):
         return {"curve.points": clipped}
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Joints without degree + 1 control points, and points outside of the bound."""
-        for name, values in (self.curve.points or {}).items():
+        """Points that do not suit the degree, the bound or the joints, and keys that do not suit the argument."""
+        points, start = self.curve.points, self.curve.start
+        if not self._over_law:
+            yield from _argument_faults(self, walker, tuple(self.joints or ()), "joints")
+            if self.curve.invariant:
+                yield ("curve", "invariant"), NOT_INVARIANT
+            joints, words = self.followers(walker), "curves without curve.start need it"
+            if self.phase_variable and self.curve.duration is not None:
+                yield ("curve", "duration"), "does not apply: curves of a phase variable have a span: [START, END]"
+            elif start is None and points and self.phase_variable and self.span is None:
+                yield ("span",), f"is missing: {words}, the phase at the start and the end"
+            elif start is None and points and not self.phase_variable and self.curve.duration is None:
+                yield ("curve", "duration"), f"is missing: {words} [s]"
+            if points is not None and {*points} != {*joints}:
+                given, which = ", ".join(points) or "no joint", "the joints" if self.joints else "the tracked joints"
+                yield ("curve", "points"), f"are given for {given}; {which} are {', '.join(joints)}"
+                return
+        for name, values in (points or {}).items():
             if len(values) != self.curve.degree + 1:
                 number = f"a curve of degree {self.curve.degree} has {self.curve.degree + 1}"
                 yield ("curve", "points", name), f"{len(values)} control points, but {number}"
             for k, value in enumerate(values):
                 if abs(value) > self.curve.within:
                     yield ("curve", "points", name, k), f"{value:g} is outside of within = {self.curve.within:g}"
-        if self.curve.start is None and self.joints is not None:
+        if start is None and self.joints is not None:
             yield ("joints",), "applies only to curves whose first guess is a gait: give curve.start, or leave it out"
-        elif self.curve.start is None and not self.curve.points:
+        elif start is None and not points:
             words = "give a problem whose gait is the first guess, or the control points of the guess, points: {JOINT: "
             yield ("curve", "start"), f"is missing: {words}[0, 0.1, 0.2]}}"
 
     def through(self, points: Mapping[str, tuple[float, ...]], span: tuple[float, float], phase: str) -> Curve:
         """The curves of some control points, which are unknowns, over time [s] or a phase from ``span[0]`` on."""
-        beyond_end: BeyondEnd | None = None if phase else getattr(self, "beyond_end", None)
-        bounds = _free_bounds(self._unknown(points))
-        return bezier_curve(points, span, phase=phase, beyond_end=beyond_end, bounds=bounds)
+        bounds, end = _free_bounds(self._unknown(points)), None if phase else self.beyond_end
+        return bezier_curve(points, span, phase=phase, beyond_end=end, bounds=bounds)
 
     @property
     def given(self) -> Reference:
-        """Bezier curves whose points are the unknowns, if no start is needed; otherwise this reference."""
-        return (
-            BezierCurves.model_validate(
-                {"bezier": self._unknown(self.curve.points or {}), "invariant": self.curve.invariant}
-            )
-            if self._is_given
-            else self
-        )
+        """Bezier curves whose points are unknowns, if no start is needed; otherwise this reference.
 
-    @property
-    def _is_given(self) -> bool:
-        """Whether correct points are given instead of a start."""
-        curve, points = self.curve, self.curve.points or {}
+        Such curves have points of the right number and size, and a duration or a span.
+        """
+        curve, points, stated = self.curve, self.curve.points or {}, dict[str, object]()
+        end: object = self.span if self.phase_variable else curve.duration
+        if not self._over_law:
+            stated = {"beyond_end": self.beyond_end}
+            stated |= {"phase": self.phase, "span": end} if self.phase_variable else {"duration": end}
         right = (len(row) == curve.degree + 1 and max(map(abs, row)) <= curve.within for row in points.values())
-        return curve.start is None and self.joints is None and bool(points) and all(right)
+        is_given = curve.start is None and self.joints is None and points and all(right)
+        if not is_given or not (self._over_law or end):
+            return self
+        stated |= {"bezier": self._unknown(points), "invariant": curve.invariant}
+        return _stated(BezierReference, stated, self._over_law)
 
     def _unknown(self, points: Mapping[str, tuple[float, ...]]) -> Points:
         """Control points as unknowns within their bound, by joint."""
@@ -893,74 +731,28 @@ class FreeCurves(Reference):
         return {name: tuple(FreePoint(free=span, guess=value) for value in row) for name, row in points.items()}
 
 
-class FreeMotion(FreeCurves):
-    """Curves that a design finds, as functions of the time since the impact or of a phase variable."""
-
-    phase: Phase = None
-    span: Span = None
-    beyond_end: Continuation = None
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The angles that have a curve, as far as they are stated.
-
-        In time, all tracked joints follow a start unless ``joints`` names some.
-        """
-        by_points = self.phase_variable or self.curve.start is None
-        return super().names if by_points else tuple(self.joints or ())
-
-    @property
-    def given(self) -> Reference:
-        """Bezier curves whose points are unknown, if a duration or a span is given too; otherwise this reference."""
-        duration, over_phase = self.curve.duration, bool(self.phase_variable)
-        if not self._is_given or (self.span if over_phase else duration) is None:
-            return self
-        argument = {"phase": self.phase, "span": self.span} if over_phase else {"duration": duration}
-        points = self._unknown(self.curve.points or {})
-        return BezierMotion.model_validate({"bezier": points, "beyond_end": self.beyond_end, **argument})
-
-    def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Joints that the walker does not track, keys that do not suit the phase, and points of other joints."""
-        yield from _argument_faults(self, walker, tuple(self.joints or ()), "joints")
-        if self.curve.invariant:
-            yield ("curve", "invariant"), NOT_INVARIANT
-        points, joints = self.curve.points, self.followers(walker)
-        if points is not None and {*points} != {*joints}:
-            given, which = ", ".join(points) or "no joint", "the joints" if self.joints else "the tracked joints"
-            yield ("curve", "points"), f"are given for {given}; {which} are {', '.join(joints)}"
-        else:
-            yield from super().faults(walker)
-        words = "curves without curve.start need it"
-        if self.phase_variable and self.curve.duration is not None:
-            yield ("curve", "duration"), "does not apply: curves of a phase variable have a span: [START, END]"
-        elif self.curve.start is None and points and self.phase_variable and self.span is None:
-            yield ("span",), f"is missing: {words}, the phase at the start and the end"
-        elif self.curve.start is None and points and not self.phase_variable and self.curve.duration is None:
-            yield ("curve", "duration"), f"is missing: {words} [s]"
-
-
 # reading
 
 
-FORMS: Mapping[str, tuple[type[Reference], str]] = {
-    "constant": (ConstantMotion, "constant: {JOINT: 10 deg}"),
-    "bezier": (BezierMotion, "bezier: {JOINT: [0, 0.1, 0.2]}, duration: 0.8, beyond_end: hold"),
-    "table": (TableMotion, "table: file.csv, beyond_end: hold"),
-    "gait": (GaitMotion, "gait: NAME, beyond_end: flow"),
-    "curve": (FreeMotion, "curve: {degree: 5, start: NAME}, beyond_end: linear"),
+FORMS: Mapping[type[Reference], str] = {
+    ConstantReference: "constant: {JOINT: 10 deg}",
+    BezierReference: "bezier: {JOINT: [0, 0.1, 0.2]}, duration: 0.8, beyond_end: hold",
+    TableReference: "table: file.csv, beyond_end: hold",
+    GaitReference: "gait: NAME, beyond_end: flow",
+    CurveReference: "curve: {degree: 5, start: NAME}, beyond_end: linear",
 }
-"""Kinds of references by their first key, each with an example."""
-PHASE_FORMS: Mapping[str, tuple[type[Reference], str]] = {
-    "bezier": (BezierCurves, "bezier: {ANGLE: [0, 0.1, 0.2]}"),
-    "constant": (ConstantCurves, "constant: {ANGLE: 10 deg}"),
-    "table": (TableCurves, "table: file.csv, degree: 6"),
-    "gait": (GaitCurves, "gait: NAME, degree: 6"),
-    "curve": (FreeCurves, "curve: {degree: 5, start: NAME}"),
+"""An example of each kind of reference that states its argument."""
+PHASE_FORMS: Mapping[type[Reference], str] = {
+    BezierReference: "bezier: {ANGLE: [0, 0.1, 0.2]}",
+    ConstantReference: "constant: {ANGLE: 10 deg}",
+    TableReference: "table: file.csv, degree: 6",
+    GaitReference: "gait: NAME, degree: 6",
+    CurveReference: "curve: {degree: 5, start: NAME}",
 }
-"""Kinds of curves of a phase variable, each with an example."""
+"""An example of each kind of reference over the phase variable of a control law."""
 
 
-def _reader(forms: Mapping[str, tuple[type[Reference], str]]) -> WrapValidator:
+def _reader(forms: Mapping[type[Reference], str], *, over_law: bool) -> WrapValidator:
     """A validator that reads a reference by its keys; a ``Curve`` becomes a reference with this curve."""
 
     def read(value: Any, handler: ValidatorFunctionWrapHandler) -> Reference:
@@ -968,23 +760,46 @@ def _reader(forms: Mapping[str, tuple[type[Reference], str]]) -> WrapValidator:
             return value
         if isinstance(value, Curve):
             return Reference().with_curve(value)
-        kinds = [key for key in forms if key in value] if isinstance(value, Mapping) else []
+        kinds = [kind for kind in forms if isinstance(value, Mapping) and kind.kind in value]
         if len(kinds) != 1:
-            given = f"has both {' and '.join(kinds)}" if kinds else "does not say what to follow"
-            words = " or ".join(f"{{{form}}}" for _, form in forms.values())
-            raise ValueError(f"{given}: give one of {words}")
-        kind, form = forms[kinds[0]]
-        unknown = [str(key) for key in value if key not in kind.model_fields]
+            both = " and ".join(kind.kind for kind in kinds)
+            given = f"has both {both}" if kinds else "does not say what to follow"
+            raise ValueError(f"{given}: give one of {' or '.join(f'{{{form}}}' for form in forms.values())}")
+        (kind,) = kinds
+        known = [key for key in kind.model_fields if not (over_law and key in ARGUMENT)]
+        unknown = [str(key) for key in value if key not in known]
         if unknown:
-            words = f"{', '.join(unknown)} {'does' if len(unknown) == 1 else 'do'} not belong to {kinds[0]}"
-            raise ValueError(f"{words}, which has the keys {', '.join(kind.model_fields)}: {{{form}}}")
-        reference = kind.model_validate(value)
-        return reference.given if isinstance(reference, FreeCurves) else reference
+            words = f"{', '.join(unknown)} {'does' if len(unknown) == 1 else 'do'} not belong to {kind.kind}"
+            raise ValueError(f"{words}, which has the keys {', '.join(known)}: {{{forms[kind]}}}")
+        reference = _stated(kind, value, over_law)
+        return reference.given if isinstance(reference, CurveReference) else reference
 
     return WrapValidator(read)
 
 
-Followed = Annotated[GaitMotion | FreeMotion | ConstantMotion | BezierMotion | TableMotion, _reader(FORMS)]
+def _stated(kind: type[Reference], value: Mapping[str, object], over_law: bool) -> Reference:
+    """A reference with these keys, without a phase variable of its own if the control law states the argument."""
+    without = over_law and "phase" in kind.model_fields
+    reference = kind.model_validate({**value, "phase": None} if without else value)
+    reference._over_law = over_law
+    return reference
+
+
+@dataclass(frozen=True)
+class Without:
+    """Annotation of a section: keys that its model has, but that do not apply here."""
+
+    keys: tuple[str, ...]
+
+
+Followed = Annotated[
+    GaitReference | CurveReference | ConstantReference | BezierReference | TableReference,
+    _reader(FORMS, over_law=False),
+]
 """Type of the key ``reference``; besides the forms of a file it accepts a ``Curve``."""
-OverPhase = Annotated[BezierCurves | ConstantCurves | TableCurves | GaitCurves | FreeCurves, _reader(PHASE_FORMS)]
-"""Type of the key ``reference`` of curves of a phase variable."""
+OverPhase = Annotated[
+    BezierReference | ConstantReference | TableReference | GaitReference | CurveReference,
+    _reader(PHASE_FORMS, over_law=True),
+    Without(ARGUMENT),
+]
+"""Type of the key ``reference`` of curves over the phase variable of a control law."""

@@ -35,7 +35,7 @@ from gaitopt.arrays import Array
 from gaitopt.model.control import Control
 from gaitopt.model.curve import Curve
 from gaitopt.model.instant import Instant
-from gaitopt.model.reference import FreeCurves, GaitCurves, OverPhase, Path, Reference, TableCurves
+from gaitopt.model.reference import CurveReference, GaitReference, OverPhase, Path, Reference, TableReference
 from gaitopt.model.units import Angle, NonNegative
 from gaitopt.model.walker import WalkerType
 
@@ -150,7 +150,7 @@ class VirtualConstraints(Control):
     def targets(self) -> dict[str, Reference]:
         """The reference; by default each output follows its own angle of a gait."""
         reference: Reference = self.reference
-        if isinstance(reference, GaitCurves | FreeCurves) and reference.joints is None and reference.source[0]:
+        if isinstance(reference, GaitReference | CurveReference) and reference.joints is None and reference.source[0]:
             reference = reference.model_copy(update={"joints": {name: name for name in self.outputs}})
         return {"reference": reference}
 
@@ -195,12 +195,12 @@ class VirtualConstraints(Control):
             yield ("span",), f"is empty: both ends are {self.span[0]:g}; give the phase after and before the impact"
         names = self.targets["reference"].names
         if {*names} != {*self.outputs} and (
-            names or not isinstance(self.reference, FreeCurves)
+            names or not isinstance(self.reference, CurveReference)
         ):  # or points are missing
             words = f"has curves of {', '.join(names) or 'no output'}; the outputs are {', '.join(self.outputs)}"
             yield ("reference", self.reference.kind), words
         if (
-            isinstance(self.reference, TableCurves)
+            isinstance(self.reference, TableReference)
             and (first := next(iter(self.reference.table.columns))) != self.phase
         ):
             words = f"its first column is {first}, but must be the phase variable {self.phase}"

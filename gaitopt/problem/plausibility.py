@@ -28,7 +28,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.foreign import FOOT_COORDINATES
 from gaitopt.model.friction import COULOMB, shared_friction
 from gaitopt.model.modes import Mode
-from gaitopt.model.reference import TableCurves
+from gaitopt.model.reference import TableReference
 from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.tracking import ProportionalDerivative
@@ -186,7 +186,7 @@ def _loose_ends(problem: ProblemStatement, length: float) -> Iterator[Fault]:
     relabelled.
     """
     law, walker = problem.control, type(problem.walker)
-    tables = {name: each for name, each in law.targets.items() if isinstance(each, TableCurves)}
+    tables = {name: each for name, each in law.targets.items() if isinstance(each, TableReference)}
     known_law = isinstance(law, ProportionalDerivative | VirtualConstraints)
     if not (tables and known_law) or problem.start is None or problem.is_open or walker.leaves_ground():
         return

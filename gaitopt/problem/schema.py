@@ -17,6 +17,7 @@ from gaitopt.model.control import ConstantTorque, NoControl, is_parameter
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
+from gaitopt.model.reference import Without
 from gaitopt.model.registry import registered_controls, registered_walkers
 from gaitopt.model.units import (
     ANGLE_UNITS,
@@ -504,6 +505,9 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
         stated = stated or any(get_origin(choice) is Literal for choice in get_args(entry_field.annotation))
         if (nested := nested_models(entry_field)) and not stated:
             sections = [_section(choice) for choice in nested]
+            omitted = [key for note in entry_field.metadata if isinstance(note, Without) for key in note.keys]
+            for section in sections:
+                section["properties"] = {k: v for k, v in section["properties"].items() if k not in omitted}
             described = {"description": entry["description"]} if "description" in entry else {}
             schema["properties"][key] = sections[0] if len(sections) == 1 else {**described, "oneOf": sections}
             continue

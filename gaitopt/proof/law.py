@@ -22,7 +22,8 @@ from flint import arb, arb_mat, fmpq
 from gaitopt.model.control import OWN_PACKAGE, Control
 from gaitopt.model.curve import Curve, Piece, bezier_pieces, continuation, piece_data
 from gaitopt.model.open_loop import OpenLoop
-from gaitopt.model.reference import Reference, Table, TableCurves
+from gaitopt.model.reference import Reference, TableReference
+from gaitopt.model.table import Table
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.proof.arithmetic import NotProved, ball
@@ -137,7 +138,7 @@ def exact_pieces(
         return bezier_pieces((arb(0), end), tail)
     if curve.points:
         return bezier_pieces((ball(exact(f"{span}.0", first.start)), ball(exact(f"{span}.1", first.end))), None)
-    if isinstance(reference, TableCurves):
+    if isinstance(reference, TableReference):
         pieces = _spline(reference.table) if reference.degree is None else _fit(reference.table, reference.degree)
     else:
         pieces = [exact_piece(piece) for piece in curve.stated]

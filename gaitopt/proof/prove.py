@@ -18,7 +18,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.model.curve import Curve
 from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.model.open_loop import OpenLoop
-from gaitopt.model.reference import FreeMotion, GaitMotion
+from gaitopt.model.reference import CurveReference, GaitReference
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.writing import passed_types, write_problem
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball, matrix, precision
@@ -217,9 +217,9 @@ def law_record(gait: Gait) -> dict[str, Any] | None:
         assert isinstance(gait.system.control, OpenLoop)
         return {"duration": gait.system.control.duration}
     for reference in gait.system.control.targets.values():
-        if not isinstance(reference, GaitMotion | FreeMotion) or reference.phase_variable:
+        if not isinstance(reference, GaitReference | CurveReference) or reference.over_phase:
             continue
-        if isinstance(reference, GaitMotion):
+        if isinstance(reference, GaitReference):
             return motion_record(reference.motion())
         if reference.curve.duration is None:
             return {"duration": reference.motion().breakpoints[0]}

@@ -26,7 +26,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import Friction
 from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
-from gaitopt.model.reference import FORMS, FreeCurves, FreeMotion, GaitCurves, GaitMotion, Reference, TableCurves
+from gaitopt.model.reference import ARGUMENT, FORMS, CurveReference, GaitReference, Reference, TableReference
 from gaitopt.model.section import TOUCHDOWN, has_stated_sections
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Transitions, contact_of
@@ -62,7 +62,7 @@ MOST_INTERVALS = 10
 LARGEST_JUMP = 1e-9
 """Largest jump, in natural units, where two pieces of a tracked angle meet: of the angle, and of its rate times the
 length of the piece."""
-REFERENCE_KEYS = {*FORMS, "joints", "degree", "duration", "span", "phase", "beyond_end"}
+REFERENCE_KEYS = {*ARGUMENT, *(kind.kind for kind in FORMS), "joints", "degree"}
 """Keys of a reference. The control points of a joint with such a name would be taken for the number of that key."""
 LINK_NUMBERS = ("mass", "com", "inertia", "position", "tip", "foot_radius", "damping", "zero")
 """The numbers of each link that the printed statement about a robot from a file contains."""
@@ -291,7 +291,7 @@ def _completed(law: Control, problem: Problem, record: OrbitRecord, *, is_fixed:
     completed = {name: _completed_reference(each, law, problem, record.law) for name, each in stated.items()}
     bound = {name: each for name, each in completed.items() if each is not stated[name]}
     over_clock = (each for each in bound.values() if not each.motion().phase)
-    used = any(not isinstance(each, FreeCurves) or each.curve.duration is None for each in over_clock)
+    used = any(not isinstance(each, CurveReference) or each.curve.duration is None for each in over_clock)
     if record.law is not None and not (used or is_fixed):
         raise ValueError(f"it states data of a control law, of which the {law.type} of its problem needs none")
     return law.model_copy(update=bound) if bound else law
@@ -305,11 +305,11 @@ def _completed_reference(
     for name in reference.names:
         if name in REFERENCE_KEYS:
             raise NotProved(f"a joint is called {name}, which is a key of references: not covered; rename it")
-    if isinstance(reference, FreeCurves):
+    if isinstance(reference, CurveReference):
         zeros = {name: (0.0,) * len(row) for name, row in reference.free_points(walker).items()}
         phase, duration = law.phase_variable, reference.curve.duration
         if phase:
-            span = reference.span if isinstance(reference, FreeMotion) else getattr(law, "span", None)
+            span = reference.span or getattr(law, "span", None)
             if span is None:
                 raise NotProved(
                     f"the curves over {phase} take their span from another gait; state it: span: [START, END]"
@@ -320,9 +320,9 @@ def _completed_reference(
                 raise ValueError("its curve takes as long as a step of another gait, but it states no duration")
             duration = data.duration
         return reference.with_curve(reference.through(zeros, (0.0, duration), phase))
-    if not isinstance(reference, GaitCurves):
+    if not isinstance(reference, GaitReference):
         return reference
-    if law.phase_variable or not isinstance(reference, GaitMotion) or reference.beyond_end is None:
+    if law.phase_variable or reference.beyond_end is None:
         words = "the control law tracks another gait as a function of a phase variable: not covered"
         raise NotProved(f"{words}; give its control points, reference: {{bezier: ...}}")
     if not isinstance(data, MotionRecord):
@@ -357,7 +357,7 @@ def _tracked_motion(record: MotionRecord, joints: tuple[str, ...], beyond_end: B
 def _require_joints(control: Control, length: float, system: HybridSystem) -> None:
     """Require that tracked angles and their rates are continuous where two pieces meet."""
     for reference in control.targets.values():
-        if not isinstance(reference, GaitMotion):
+        if not isinstance(reference, GaitReference):
             continue
         motion = reference.motion()
         for k, (one, other) in enumerate(pairwise(map(exact_piece, motion.stated)), start=2):
@@ -637,7 +637,7 @@ def _law_texts(law: Control, completed: Control, record: OrbitRecord, exact: Exa
         if key != "type":
             add(key, value)
     for name, reference in completed.targets.items():
-        if isinstance(reference, TableCurves):
+        if isinstance(reference, TableReference):
             for column, cells in reference.table.decimals.items():
                 texts[f"{name}.table.{column}"] = ", ".join(cells)
             if reference.degree is None:

@@ -325,7 +325,7 @@ def test_a_gait_is_followed_over_a_phase_that_the_walker_names(tmp_path: Path) -
     problem = go.parse_problem(text, tmp_path / "follower.yaml", walkers=[HipCompass])
     law = problem_dynamics(problem).system.control
     assert span(law) == pytest.approx((-1.6 * np.sin(0.1), 1.6 * np.sin(0.1)), abs=1e-9)  # type: ignore[attr-defined]
-    assert law.reference.fit_errors["theta2"] < 1e-6  # type: ignore[attr-defined]
+    assert law.reference.motion().fit_errors["theta2"] < 1e-6  # type: ignore[attr-defined]
     s = (STATE[0] + 0.1) / 0.2
     angle = BPoly([[c] for c in rows], [0, 1])
     assert torque(problem, 1.0) == pytest.approx(pd(angle(s), angle.derivative()(s) * STATE[3] / 0.2), abs=1e-3)

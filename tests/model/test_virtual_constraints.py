@@ -332,7 +332,7 @@ def test_the_error_of_the_fit_is_that_of_the_closest_polynomial():
     expected = np.abs(fitted(theta1) - angles).max()
     for span in ([-0.1, 0.1], [-0.2, 0.15]):
         law = problem_dynamics(followed({"gait": NAME, "degree": 4}, **{"control.span": span})).system.control
-        assert law.reference.fit_errors["theta2"] == pytest.approx(expected, rel=1e-6)
+        assert law.curve.fit_errors["theta2"] == pytest.approx(expected, rel=1e-6)
         (piece,) = law.curve.pieces
         assert (piece.start, piece.end) == tuple(span)
 

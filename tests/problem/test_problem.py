@@ -15,7 +15,7 @@ from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.curve import BeyondEnd
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import Mode
-from gaitopt.model.reference import FreeMotion, GaitMotion
+from gaitopt.model.reference import CurveReference, GaitReference
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.units import NonNegative
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -82,7 +82,7 @@ def test_parameters_come_in_the_order_walker_friction_control():
 def test_controls_are_distinguished_by_their_type():
     assert load_problem("compass-passive-a").control == NoControl()
     assert load_problem("compass-torque-stick").control == ConstantTorque(ankle=1.65, hip=0.54)
-    tracked = GaitMotion(gait="compass-passive-b", beyond_end=BeyondEnd.FLOW)
+    tracked = GaitReference(gait="compass-passive-b", beyond_end=BeyondEnd.FLOW)
     assert load_problem("compass-pd-impact-slip").control == ProportionalDerivative(kp=15, kd=15, reference=tracked)
 
 
@@ -90,7 +90,7 @@ def test_a_curve_may_be_the_reference_and_is_an_unknown():
     curve = "{type: pd, kp: 9, kd: 3, reference: {curve: {degree: 5, start: compass-passive-b}, beyond_end: off}}"
     problem = parse_problem(walking(control=curve) + "objective: cost_of_transport\n")
     reference = problem.control.reference
-    assert isinstance(reference, FreeMotion)
+    assert isinstance(reference, CurveReference)
     assert (reference.curve.degree, reference.curve.start, reference.beyond_end) == (
         5,
         "compass-passive-b",

@@ -11,7 +11,7 @@ flint = pytest.importorskip("flint")
 from flint import arb, ctx  # noqa: E402
 
 import gaitopt as go  # noqa: E402
-from gaitopt.model.reference import TableMotion  # noqa: E402
+from gaitopt.model.reference import TableReference  # noqa: E402
 from gaitopt.model.tracking import ProportionalDerivative  # noqa: E402
 from gaitopt.proof.arithmetic import PRECISION  # noqa: E402
 from gaitopt.proof.certificate import read_certificate  # noqa: E402
@@ -43,7 +43,7 @@ def test_a_table_is_a_spline_in_balls(rows, beyond_end):
     times = np.round(np.append(0.0, np.cumsum(rng.uniform(0.02, 0.1, rows - 1))), 4)
     angles = np.round(rng.normal(size=rows), 3)
     table = {"table": {"t": times.tolist(), "theta2": angles.tolist()}, "beyond_end": beyond_end}
-    law = ProportionalDerivative(kp=1.0, kd=1.0, reference=TableMotion.model_validate(table))
+    law = ProportionalDerivative(kp=1.0, kd=1.0, reference=TableReference.model_validate(table))
     with ctx.workprec(PRECISION):
         exact = exact_law(law, lambda key, value: repr(value))
         for k, data in enumerate(exact.data):
@@ -59,7 +59,7 @@ def test_a_table_is_a_spline_in_balls(rows, beyond_end):
 def test_a_fit_in_balls_is_the_least_squares_fit():
     rng = np.random.default_rng(1)
     table = {"t": np.linspace(0, 0.8, 30).round(4).tolist(), "theta2": rng.normal(size=30).round(3).tolist()}
-    reference = TableMotion.model_validate({"table": table, "degree": 8, "beyond_end": "hold"})
+    reference = TableReference.model_validate({"table": table, "degree": 8, "beyond_end": "hold"})
     law = ProportionalDerivative(kp=1.0, kd=1.0, reference=reference)
     with ctx.workprec(PRECISION):
         exact = exact_law(law, lambda key, value: repr(value))
