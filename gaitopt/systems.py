@@ -26,8 +26,8 @@ from gaitopt.model.step_feedback import Resolved
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.problem.faults import raise_faults
-from gaitopt.problem.plausibility import torque_faults
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.rules import torque_faults
 from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
 from gaitopt.solver.feedback_gains import designed_gains, return_map_derivatives
 from gaitopt.solver.interval import integrate_to

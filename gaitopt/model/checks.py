@@ -215,13 +215,13 @@ def _fault(walker: type[Walker], parameters: tuple[float, ...]) -> str | None:
             return reason
     if walker.contacts:
         return _contacts_fault(walker, p)
-    straight = _posture(walker, np.zeros(n + 2), np.zeros(n + 2), p)
+    straight = posture_at(walker, np.zeros(n + 2), np.zeros(n + 2), p)
     if not (np.isfinite(straight.bodies).all() and (straight.bodies[:, :2] >= 0).all()):
         return "a body has a mass or inertia that is negative or no number"
     length, mass = np.linalg.norm(straight.bodies[:, 2:4], axis=1).max(initial=0.0), straight.bodies[:, 0].sum()
-    if not (length > 0 and straight.gravity > 0 and mass > 0):
+    if not (length > 0 and np.linalg.norm(straight.gravity) > 0 and mass > 0):
         return _undefined(walker, np.zeros(n), p) or "its length, mass or gravity is zero"
-    scales = Scales.of(length, straight.gravity, mass)
+    scales = Scales.of(length, float(np.linalg.norm(straight.gravity)), mass)
     random = np.random.default_rng(0)
     spread = min(SPREAD, walker.largest_angle)
     steps = walker.step_parameters(p)
@@ -258,19 +258,19 @@ def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
     for _ in range(CHECKED_TOUCHDOWNS):
         q = random.uniform(-SPREAD, SPREAD, n + 2)
         dq = random.standard_normal(n + 2) / scales.time
-        here = _posture(walker, q, dq, p)
+        here = posture_at(walker, q, dq, p)
         if closing:  # they are locked when the feet swap roles
             slope = here.gap_jacobian[closing]
             q[:n] -= np.linalg.pinv(slope) @ here.gaps[closing]
             dq[:n] -= np.linalg.pinv(slope) @ (slope @ dq[:n])
-            here = _posture(walker, q, dq, p)
+            here = posture_at(walker, q, dq, p)
         if not all(np.isfinite(value).all() for value in (here.mass_matrix, here.contacts, here.spring_energy)):
             return f"its equations are not finite at {_posture_words(walker, q[:n])}"
         reason = _without_inertia(walker, here.mass_matrix[np.ix_(kept, kept)])
         if reason is not None or not walker.landing_contacts:
             return reason
         q_plus, dq_plus = np.array([*here.relabel, *here.foot[0]]), np.array([*here.relabel_rate, *here.foot[1]])
-        there = _posture(walker, q_plus, dq_plus, p_plus)
+        there = posture_at(walker, q_plus, dq_plus, p_plus)
         reason = _jump(here.bodies, there.bodies, scales)
         if reason is not None:
             free = ", ".join(name for name in walker.stops if name not in walker.closing_stops)
@@ -328,14 +328,14 @@ def _touchdown_fault(
     p, p_plus = legs
     s_plus, _ = section_posture(walker, free, p_plus)
     if walker.massless_feet:
-        before = _posture(walker, np.array([*s_plus, 0, 0]), np.zeros(s_plus.size + 2), p)
+        before = posture_at(walker, np.array([*s_plus, 0, 0]), np.zeros(s_plus.size + 2), p)
         q_plus = np.array([*before.relabel, *before.foot[0]])
-        after = _posture(walker, q_plus, np.zeros(s_plus.size + 2), p)
+        after = posture_at(walker, q_plus, np.zeros(s_plus.size + 2), p)
         if is_default(walker, "landing"):  # the rates with which the bodies move on must exist
             moves = [
-                _posture(walker, q_plus, np.array([*e, 0, 0]), p).bodies[:, 4:].ravel() for e in np.eye(rates.size)
+                posture_at(walker, q_plus, np.array([*e, 0, 0]), p).bodies[:, 4:].ravel() for e in np.eye(rates.size)
             ]
-            moving = _posture(walker, np.array([*s_plus, 0, 0]), np.array([*rates, 0, 0]), p).bodies[:, 4:].ravel()
+            moving = posture_at(walker, np.array([*s_plus, 0, 0]), np.array([*rates, 0, 0]), p).bodies[:, 4:].ravel()
             left = moving - np.transpose(moves) @ np.linalg.lstsq(np.transpose(moves), moving, rcond=None)[0]
             if np.abs(left).max() > AGREEMENT * np.abs(moving).max():
                 return "has massless feet, but its bodies cannot move on as they did when a foot lands: define landing"
@@ -349,11 +349,11 @@ def _touchdown_fault(
     undefined = next((reason for reason in swing if reason is not None), None)
     if undefined is not None:
         return undefined
-    J = _posture(walker, np.array([*s_minus, 0, 0]), np.zeros(rates.size + 2), p).gap_jacobian
+    J = posture_at(walker, np.array([*s_minus, 0, 0]), np.zeros(rates.size + 2), p).gap_jacobian
     locked = rates - np.linalg.pinv(J) @ J @ rates  # all stops are locked at touchdown
-    before = _posture(walker, np.array([*s_minus, 0, 0]), np.array([*locked, 0, 0]), p)
+    before = posture_at(walker, np.array([*s_minus, 0, 0]), np.array([*locked, 0, 0]), p)
     q_plus = np.array([*s_plus, *before.foot[0]])
-    after = _posture(walker, q_plus, np.array([*before.relabel_rate, *before.foot[1]]), p_plus)
+    after = posture_at(walker, q_plus, np.array([*before.relabel_rate, *before.foot[1]]), p_plus)
     if abs(before.guard) > AGREEMENT * before.guard_slope or after.guard > AGREEMENT * after.guard_slope:
         return (
             "after_impact and touchdown contradict each other: a step would begin in the posture "
@@ -415,7 +415,7 @@ def _before_relabelling(walker: type[Walker], s_plus: Array, p: Array) -> Array 
     """The shape coordinates that ``relabel`` maps to ``s_plus``, by Newton's method."""
     s, foot = s_plus.copy(), np.zeros(2)
     for _ in range(NEWTON_STEPS):
-        here = _posture(walker, np.concatenate([s, foot]), np.zeros(s.size + 2), p)
+        here = posture_at(walker, np.concatenate([s, foot]), np.zeros(s.size + 2), p)
         if not np.isfinite(here.relabel_jacobian).all() or np.linalg.cond(here.relabel_jacobian) > 1 / AGREEMENT:
             return None
         if np.abs(here.relabel - s_plus).max() < AGREEMENT / 10:
@@ -492,7 +492,7 @@ class Posture:
     spring_energy : potential energy without that of gravity [J]; with named contacts, of all springs whether they act
         or not.
     dissipation : power that the dampers dissipate [W].
-    gravity : acceleration of gravity [m/s^2].
+    gravity : ndarray, shape (2,) - acceleration of gravity [m/s^2].
     gaps : ndarray, shape (n_stops,) - gaps of the joint stops.
     gap_jacobian : ndarray, shape (n_stops, n_shape) - their derivative.
     """
@@ -509,21 +509,21 @@ class Posture:
     upright: float
     spring_energy: float
     dissipation: float
-    gravity: float
+    gravity: Array
     gaps: Array
     gap_jacobian: Array
 
 
-def _posture(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
+def posture_at(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
     """The walker at coordinates ``q`` and rates ``dq``, both of shape (n_shape + 2,), and parameters ``p``."""
     function = _kinematics(walker)
     columns = zip(function.name_out(), buffered(function)(q, dq, p), strict=True)
     values: dict[str, Any] = {
         name: column.reshape(function.size_out(name), order="F").copy() for name, column in columns
     }
-    scalars = ("guard", "guard_slope", "upright", "spring_energy", "dissipation", "gravity")
+    scalars = ("guard", "guard_slope", "upright", "spring_energy", "dissipation")
     values |= {name: values[name].item() for name in scalars}
-    values |= {name: values[name].ravel() for name in ("relabel", "relabel_rate", "gaps")}
+    values |= {name: values[name].ravel() for name in ("relabel", "relabel_rate", "gravity", "gaps")}
     return Posture(**values)
 
 
@@ -554,7 +554,7 @@ def _kinematics(walker: type[Walker]) -> Function:
         "upright": mechanism.upright,
         "spring_energy": sum(springs, SX(0)),
         "dissipation": sum(losses, SX(0)),
-        "gravity": norm_2(mechanism.gravity),
+        "gravity": mechanism.gravity,
         "gaps": gaps,
         "gap_jacobian": jacobian(gaps, q[:n]),
     }

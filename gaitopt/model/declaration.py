@@ -15,6 +15,7 @@ import numpy as np
 from casadi import DM, SX, Function, depends_on, horzcat, jacobian, vertcat
 from pydantic.fields import FieldInfo
 
+from gaitopt.arrays import Array
 from gaitopt.building import built_once
 from gaitopt.errors import ProblemError
 from gaitopt.model.foreign import (
@@ -112,6 +113,11 @@ def symbolic_mechanism(walker: type[Walker]) -> SymbolicMechanism:
     q, p = vertcat(*map(SX.sym, names)), SX.sym("p", len(walker.model_fields))
     named = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)})
     return SymbolicMechanism(q, p, state_mechanism(walker, named, parameter_namespace(walker, p)))
+
+
+def parameter_values(walker: Walker) -> Array:
+    """The parameters of a walker in the order of its fields; shape (n_p,)."""
+    return np.array([float(getattr(walker, name)) for name in type(walker).model_fields])
 
 
 def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:

@@ -7,7 +7,7 @@
 - ``floor``: tiles of friction, height and slope under the feet of a walk, stated or random
 - ``statement``: the problem statement, complete and in SI units; the same as data, changed by dotted key
 - ``reading``: from data to the fields of a statement
-- ``plausibility``: numbers that are impossible or unusual for the walker
+- ``rules``: rules between the sections of a whole statement; numbers that are impossible or unusual for the walker
 - ``problem``: ``Problem``, a statement with its source; loading, replacing, restoring
 - ``writing``: a problem as texts from which it is read again, and the decimals that these give for its numbers
 """

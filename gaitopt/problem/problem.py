@@ -36,8 +36,8 @@ from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.urdf import MAX_BYTES, walker_from_text
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, near_miss, raise_faults, shown
-from gaitopt.problem.plausibility import impossible, remarks
 from gaitopt.problem.reading import Known, read_statement
+from gaitopt.problem.rules import impossible, remarks
 from gaitopt.problem.source import SUFFIXES, find_problem, parse_source, read_text
 from gaitopt.problem.statement import (
     ProblemStatement,

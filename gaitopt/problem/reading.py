@@ -14,13 +14,12 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.model.checks import before_impact, check_walker, section_posture, stepping_posture, swing_foot
 from gaitopt.model.contract import check_hooks, law_faults, law_section
 from gaitopt.model.control import OWN_PACKAGE, Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
-from gaitopt.model.declaration import is_default, joint_limits
+from gaitopt.model.declaration import is_default, joint_limits, parameter_values
 from gaitopt.model.foreign import calling
 from gaitopt.model.modes import FEET, IMPACT, LEAVES, NAMED, OFF, STOP_STATES, SWAPPED, SWITCH_STATES, Mode
 from gaitopt.model.open_loop import OpenLoop
@@ -110,7 +109,9 @@ class _StatementReader:
         self._modes, guess = self._read_gait()
         if "gait" not in self._data:
             self._modes, guess = OpenSequence(stated=False), self._read_start()
-            fields["until"] = self._read_until()
+            end = self._data.get("until")
+            until = None if end is None else self._section(UntilSection, end, ("until",))
+            fields["until"] = None if until is None else Until(**dict(until))
             self._check_swapped_friction(2)
         fields |= {"walker": self._walker, "control": self._control, "modes": self._modes, "start": guess}
         fields["cycle_end"] = self._cycle_end
@@ -349,25 +350,24 @@ class _StatementReader:
         """The mode sequence and the guess."""
         if "gait" not in self._data:
             return None, None
-        data, path = self._data["gait"], ("gait", "guess")
-        if isinstance(data, Mapping) and data.get("phases") == OPEN:
-            return self._read_open_gait(data)
-        landings, n_faults = list[tuple[tuple[int, Mode], ...]](), len(self._faults)
+        data, landings, n_faults = self._data["gait"], list[tuple[tuple[int, Mode], ...]](), len(self._faults)
+        kind: type[OpenGaitSection | CycleSection | GaitSection] = GaitSection
         if isinstance(data, Mapping):
-            data, landings = self._with_modes(self._model or Walker, data)
+            kind = OpenGaitSection if data.get("phases") == OPEN else CycleSection if "steps" in data else GaitSection
+            data, landings = self._with_modes(self._model or Walker, data, is_open=kind is OpenGaitSection)
         has_modes = len(self._faults) == n_faults
-        several = isinstance(data, Mapping) and "steps" in data
-        section: type[CycleSection] | type[GaitSection] = CycleSection if several else GaitSection
-        gait = self._section(section, data, ("gait",))
+        gait = self._section(kind, data, ("gait",))
         if gait is None or not has_modes:
             return None, None
-        steps = gait.steps if isinstance(gait, CycleSection) else (gait,)
         self._cycle_end = self._read_cycle_end(gait.section)
-        cycle = self._read_cycle(steps, ("gait", "steps" if several else "phases"), landings)
+        if isinstance(gait, OpenGaitSection):
+            return self._read_open_gait(gait)
+        steps = gait.steps if isinstance(gait, CycleSection) else (gait,)
+        cycle = self._read_cycle(steps, ("gait", "steps" if kind is CycleSection else "phases"), landings)
         self._check_swapped_friction(len(steps))
-        phases = [mode for step in steps for mode in step.phases]
         if {*FirstGuessSection.model_fields} & {*gait.guess}:
             return cycle, self._read_first_guess(gait.guess, steps)
+        path, phases = ("gait", "guess"), [mode for step in steps for mode in step.phases]
         guess = self._section(GuessSection, gait.guess, path)
         if guess is None:
             return cycle, None
@@ -375,11 +375,16 @@ class _StatementReader:
             needed = f"one duration per phase ({', '.join(phases)})"
             message = f"{len(guess.durations)} given, but the gait needs {needed}; or leave durations out"
             self._fault((*path, "durations"), message)
-        if self._model is None or has_stated_sections(self._model, self._cycle_end):
+        if self._has_stated_section:
             state = self._read_state(guess.state, steps[-1].impact)
         else:
             state = self._read_nearby_state(guess.state, cycle)
         return cycle, None if state is None else Guess(state=state, durations=guess.durations)
+
+    @property
+    def _has_stated_section(self) -> bool:
+        """Whether the class of the walker states the section with which the cycle ends."""
+        return self._model is None or has_stated_sections(self._model, self._cycle_end)
 
     def _read_start(self) -> Guess | None:
         """The state from which a simulation starts.
@@ -399,8 +404,7 @@ class _StatementReader:
         if not missing:
             return Guess(state=given, durations=None, whole=True)
         impact = Mode.slip(given["dx"]) if given.get("dx") else Mode.STICK
-        stated = has_stated_sections(model, self._cycle_end)
-        section = model.section_names(slipping=impact.slips) if stated else ()
+        section = model.section_names(slipping=impact.slips) if self._has_stated_section else ()
         if section and {*data} == {*section}:
             lifted = self._read_state(data, impact, path)
             return None if lifted is None else Guess(state=lifted, durations=None)
@@ -409,38 +413,25 @@ class _StatementReader:
         self._fault((*path, missing[0]), f"is missing;{choice} a state needs {names}")
         return None
 
-    def _read_until(self) -> Until | None:
-        """The end of a simulation."""
-        data = self._data.get("until")
-        section = None if data is None else self._section(UntilSection, data, ("until",))
-        return None if section is None else Until(time=section.time, steps=section.steps, events=section.events)
-
     def _read_first_guess(self, data: Mapping[str, Any], steps: Sequence[StepSection]) -> Guess | None:
         """A guess that follows from postures, between which the shape changes linearly, or from the step length."""
         path, model, walker = ("gait", "guess"), self._model, self._walker
         section = self._section(FirstGuessSection, data, path)
         if section is None or model is None or walker is None or not all(step.phases for step in steps):
             return None
-        impact = steps[-1].impact
-        if (section.step_length is None) == (section.postures is None):
-            both = "exclude each other: keep one" if section.postures else "is missing; or give postures, or a state"
-            self._fault((*path, "step_length"), "and postures " + both if section.postures else both)
+        n_faults, impact = len(self._faults), steps[-1].impact
+        self._faults += [Fault((*path, *keys), message) for keys, message in section.faults(model)]
+        if len(self._faults) > n_faults:
             return None
-        if {"several contacts", "flight", "massless feet"} & {*model.features()}:
-            limit = "between two postures the feet of this walker need not stay on the ground"
-            self._fault(path, f"{limit}: give a state; or write phases: auto, and leave the guess out")
-            return None
-        p = np.array([float(getattr(walker, name)) for name in model.model_fields])
+        p = parameter_values(walker)
         try:
             if section.step_length is not None:
                 first = stepping_posture(model, section.step_length, p)
                 postures = [first, before_impact(model, first, p)]
             else:
-                postures = [self._posture(model, posture, k) for k, posture in enumerate(section.postures or ())]
+                postures = [np.array([posture[name] for name in model.shape]) for posture in section.postures or ()]
         except ProblemError as error:
             self._fault((*path, "step_length"), str(error))
-            return None
-        if any(np.isnan(posture).any() for posture in postures):
             return None
         lead = swing_foot(model, postures[0], p)[0]
         if lead >= 0:
@@ -456,19 +447,8 @@ class _StatementReader:
         durations = tuple(section.duration / len(step.phases) for step in steps for _ in step.phases)
         return None if state is None else Guess(state=state, durations=durations, first=section)
 
-    def _posture(self, model: type[Walker], posture: Mapping[str, float], number: int) -> Array:
-        """A posture as an array, in which a missing coordinate is nan."""
-        path: Key = ("gait", "guess", "postures", number)
-        for name in posture:
-            if name not in model.shape:
-                self._fault((*path, name), f"is not a shape coordinate of {model.model}{near_miss(name, model.shape)}")
-        missing = [name for name in model.shape if name not in posture]
-        if missing:
-            self._fault(path, f"lacks {', '.join(missing)}: a posture states every shape coordinate")
-        return np.array([posture.get(name, math.nan) for name in model.shape])
-
     def _with_modes(
-        self, model: type[Walker], data: Mapping[str, Any]
+        self, model: type[Walker], data: Mapping[str, Any], *, is_open: bool
     ) -> tuple[dict[str, Any], list[tuple[tuple[int, Mode], ...]]]:
         """The data of a gait with modes in place of their words, and the impacts within every step.
 
@@ -477,7 +457,7 @@ class _StatementReader:
         else ends the cycle, such landings are stated within it, except those after a flight; of named contacts with
         the names that they have then, as in ``impact: {heel: stick, toe: leaves, feet: swapped}``.
         """
-        is_step, alone = "steps" not in data, bool(model.base_contact())
+        is_step, alone = is_open or "steps" not in data, bool(model.base_contact())
         stated, step_ends = [data] if is_step else data["steps"], {*model.step_ends()}
         ends_in_landing = bool(step_ends) and data.get("section", TOUCHDOWN) == TOUCHDOWN
         steps, landings = list[dict[str, Any]](), list[tuple[tuple[int, Mode], ...]]()
@@ -487,7 +467,7 @@ class _StatementReader:
                 return dict(data), []  # the section of the gait reports it
             final = step.get("impact")
             if final is not None:
-                final = self._mode(model, final, (*place, "impact"), after_impact=ends_in_landing)
+                final = self._mode(model, final, (*place, "impact"), after_impact=is_open or ends_in_landing)
                 step = {**step, "impact": final}
             if not isinstance(step.get("phases"), list | tuple):
                 return {**data, **step} if is_step else dict(data), []
@@ -609,7 +589,7 @@ class _StatementReader:
             return None
         names = model.state_names()
         near = np.array([given.get(name, model.posture.get(name, 0.0)) for name in names])
-        p = np.array([float(getattr(walker, name)) for name in model.model_fields])
+        p = parameter_values(walker)
         z = section.lift(near[section.indices], p, near)
         if not np.isfinite(z).all():
             values = {name: given[name] for name in section.names} | walker.model_dump(include={"energy"})
@@ -632,18 +612,9 @@ class _StatementReader:
                 self._fault((*path, name), f"{conflict}: {where}; {remedy}")
         return state
 
-    def _read_open_gait(self, data: Mapping[str, Any]) -> tuple[OpenSequence | None, Guess | None]:
+    def _read_open_gait(self, gait: OpenGaitSection) -> tuple[OpenSequence | None, Guess | None]:
         """The open mode sequence of a gait, and its guess, in which a slip velocity that is left out is zero."""
         path: Key = ("gait", "guess")
-        n_faults = len(self._faults)
-        if data.get("impact") is not None:
-            impact = self._mode(self._model or Walker, data["impact"], ("gait", "impact"), after_impact=True)
-            data = {**data, "impact": impact}
-        gait = self._section(OpenGaitSection, data, ("gait",))
-        if gait is None or len(self._faults) > n_faults:
-            return None, None
-        self._cycle_end = self._read_cycle_end(gait.section)
-        has_section = self._model is None or has_stated_sections(self._model, self._cycle_end)
         if gait.impact is not None and self._cycle_end != TOUCHDOWN:
             self._fault(("gait", "impact"), "the cycle ends without an impact: leave it out")
             return None, None
@@ -658,7 +629,7 @@ class _StatementReader:
         guess = None if gait.guess is None else self._section(GuessSection, gait.guess, path)
         if guess is None or self._model is None:
             return sequence, None
-        if not has_section:
+        if not self._has_stated_section:
             stated = self._stated_state(self._model, guess.state, (*path, "state"))
             for name in () if stated is None else stated[1][:1]:
                 needed = ", ".join(self._model.state_names())
@@ -721,7 +692,7 @@ class _StatementReader:
             self._fault((*path, "dx"), f"{shown(dx)} contradicts the impact: after {impact} it is {sign}")
         if missing or walker is None:
             return None
-        p = np.array([float(getattr(walker, name)) for name in model.model_fields])
+        p = parameter_values(walker)
         posture = map(float, np.concatenate(section_posture(model, given, p)))
         state = dict.fromkeys(walker.state_names(), 0.0)
         state |= dict(zip((*walker.shape, *(f"d{name}" for name in walker.shape)), posture, strict=True))

@@ -4,7 +4,7 @@ The same models validate a file and describe it to an editor, which completes ke
 that depend on the walker (its state, its torques) are made from the walker's own names.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self, get_args, get_origin
@@ -33,7 +33,7 @@ from gaitopt.model.units import (
     symmetric,
 )
 from gaitopt.model.walker import Walker
-from gaitopt.problem.faults import nested_models
+from gaitopt.problem.faults import Key, near_miss, nested_models
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS
 
 
@@ -215,6 +215,24 @@ class FirstGuessSection(Section):
             description="shape coordinates [rad] at equal times, from just after one impact to just before the next",
         ),
     ] = None
+
+    def faults(self, walker: type[Walker]) -> Iterator[tuple[Key, str]]:
+        """The keys that are wrong for a walker, or contradict each other, with a message for each."""
+        if (self.step_length is None) == (self.postures is None):
+            both = "and postures exclude each other: keep one"
+            yield ("step_length",), both if self.postures else "is missing; or give postures, or a state"
+        if {"several contacts", "flight", "massless feet"} & {*walker.features()}:
+            limit = "between two postures the feet of this walker need not stay on the ground"
+            yield (), f"{limit}: give a state; or write phases: auto, and leave the guess out"
+            return
+        for number, posture in enumerate(self.postures or ()):
+            for name in posture:
+                if name not in walker.shape:
+                    words = f"is not a shape coordinate of {walker.model}{near_miss(name, walker.shape)}"
+                    yield ("postures", number, name), words
+            missing = ", ".join(name for name in walker.shape if name not in posture)
+            if missing:
+                yield ("postures", number), f"lacks {missing}: a posture states every shape coordinate"
 
 
 class UntilSection(Section):

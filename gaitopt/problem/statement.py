@@ -110,16 +110,15 @@ class Until:
     events: int | None = None
 
     def __post_init__(self) -> None:
-        given = {"time": self.time, "steps": self.steps, "events": self.events}
-        if all(value is None for value in given.values()):
+        if not self.data:
             raise ProblemError("until: is empty; give time=SECONDS, steps=N or events=N")
-        for name, value in given.items():
-            kind = Real if name == "time" else Integral
-            if value is not None and (not isinstance(value, kind) or isinstance(value, bool)):
+        for name, value in self.data.items():
+            kind: Any = Real if name == "time" else Integral
+            if not isinstance(value, kind) or isinstance(value, bool):
                 raise ProblemError(
                     f"until.{name}: {shown(value)} is not a {'number' if name == 'time' else 'whole number'}"
                 )
-            if value is not None and not 0 < value < math.inf:
+            if not 0 < value < math.inf:
                 raise ProblemError(f"until.{name}: {value:g} is not positive and finite")
 
     @property

@@ -20,8 +20,8 @@ from gaitopt.errors import SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Cause, Gait, Status
 from gaitopt.model.cycle import Cycle
-from gaitopt.problem.plausibility import TOO_SLIPPERY, least_friction
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.rules import TOO_SLIPPERY, least_friction
 from gaitopt.problem.statement import Free
 from gaitopt.requests import ExplainRequest
 from gaitopt.search.candidates import family

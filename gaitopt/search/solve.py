@@ -12,8 +12,8 @@ from functools import lru_cache
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.gait import Attractor, Gait, Status
-from gaitopt.problem.plausibility import lacks_energy
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.rules import lacks_energy
 from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
 from gaitopt.search.candidate import cycle_record
 from gaitopt.search.find import find_best

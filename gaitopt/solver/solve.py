@@ -22,8 +22,8 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import kind
-from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.rules import NO_ENERGY, lacks_energy
 from gaitopt.requests import DEFAULT_LIMITS, MOST_INTERVALS, Method, SearchLimits
 from gaitopt.solver.assembly import search_record
 from gaitopt.solver.diagnosis import AIRBORNE, RESIDUAL_TOLERANCE, SAMPLES, largest_residual, missing_event, violations

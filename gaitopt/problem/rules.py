@@ -1,4 +1,7 @@
-"""Plausibility of the numbers of a problem for its walker: impossible numbers are faults, unusual ones only remarks.
+"""Rules between the sections of a whole problem: what is impossible is a fault, what is only unusual a remark.
+
+The range of a number is declared at its field, see ``Within``, and applied here with the walker's natural units. Rules
+between the keys of one mapping are declared at its class: ``faults`` of a section, a control law or a reference.
 
 A passive walker gains energy only downhill. The mean contact force of a steady gait balances the weight, so friction
 must be at least tan(slope).
@@ -12,18 +15,16 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, densify, jacobian, substitute, vertcat, vertsplit
+from casadi import Function
 from pydantic import BaseModel
 
-from gaitopt.arrays import Array
 from gaitopt.building import built_once
 from gaitopt.display import distinguished
 from gaitopt.errors import ProblemError
-from gaitopt.model.buffered import buffered
-from gaitopt.model.checks import FALLEN, forgotten_inertia
+from gaitopt.model.checks import FALLEN, Posture, forgotten_inertia, posture_at
 from gaitopt.model.contract import KINKED, check_hooks, check_period, jumping_operations, law_section
 from gaitopt.model.control import OWN_PACKAGE, ConstantTorque, Control, NoControl
-from gaitopt.model.declaration import actuator_units, symbolic_mechanism
+from gaitopt.model.declaration import actuator_units, parameter_values
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.foreign import FOOT_COORDINATES
 from gaitopt.model.friction import COULOMB, shared_friction
@@ -83,11 +84,11 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
     yield from _control_faults(problem)
     if problem.start is None or not problem.has_gait:  # a simulation may start anywhere
         return
-    foot, upright, _, _ = _geometry_at_guess(problem)
+    here = _at_guess(problem)
     passing = problem.cycle_end != TOUCHDOWN or problem.walker.leaves_ground()  # the swing foot may be anywhere
-    if not passing and math.hypot(*foot) <= FEET_APART * scales.length:
+    if not passing and math.hypot(*here.foot[0]) <= FEET_APART * scales.length:
         yield Fault(STATE, "both feet are at the same place: a step begins with the feet apart")
-    if upright < FALLEN:
+    if here.upright < FALLEN:
         yield Fault(STATE, "the walker has fallen: a step begins upright")
 
 
@@ -262,7 +263,7 @@ def least_friction(problem: ProblemStatement) -> float:
     Over a period the contact forces balance the weight, and friction bounds the tangential force everywhere. The bound
     is zero if drag or motors act along the ground too, and if the problem has free numbers.
     """
-    gravity = _geometry_at_guess(problem)[2]
+    gravity = _at_guess(problem).gravity
     drag = any(value for key, value in problem.parameters.items() if key.endswith(".viscous"))
     return 0.0 if problem.free or drag or problem.walker.external else abs(float(gravity[0] / gravity[1]))
 
@@ -281,19 +282,20 @@ def lacks_energy(problem: ProblemStatement) -> bool:
         or not isinstance(problem.control, NoControl)
     ):
         return False
-    _, _, (along, _), momentum = _geometry_at_guess(problem)
+    here = _at_guess(problem)
+    along, momentum = here.gravity[0], here.bodies[:, 0] @ here.bodies[:, 4]
     modes = () if problem.is_open else (*problem.cycle.phases, *problem.cycle.impacts)
     directions = (1.0, momentum, *(direction for mode in modes for direction in mode.directions.values()))
     if along and (problem.is_open or any(direction * along > 0 for direction in directions)):
         return False
     system, on_ground = _system(type(walker)), walker.foot_modes()[0]
-    push = system.push(on_ground)(np.zeros(system.n_z), [*_values(walker), 0.0])
+    push = system.push(on_ground)(np.zeros(system.n_z), [*parameter_values(walker), 0.0])
     return not (walker.pushes and np.asarray(push[0]).any())
 
 
 def natural_units(walker: Walker) -> Scales:
     """Natural units of a walker with its parameters."""
-    return Dynamics(_system(type(walker)), np.array([*_values(walker), 0.0])).scales
+    return Dynamics(_system(type(walker)), np.array([*parameter_values(walker), 0.0])).scales
 
 
 def _spans(problem: ProblemStatement) -> Iterator[Span]:
@@ -383,39 +385,16 @@ def _scalar_range(name: str, problem: ProblemStatement) -> tuple[Within, ...]:
     return _ranges(state_section(type(walker))).get(coordinate, ())
 
 
-def _geometry_at_guess(problem: ProblemStatement) -> tuple[Array, float, Array, float]:
-    """Swing foot seen from the stance foot [m], margin of being upright, gravity [m/s^2], momentum along x [kg m/s].
-
-    Without a guess all angles and rates are zero.
-    """
-    names = problem.walker.coordinates()
-    state = dict.fromkeys(problem.walker.state_names(), 0.0) if problem.start is None else problem.start.state
-    posture, rates = [state[name] for name in names[:-1]], [state[f"d{name}"] for name in names]
-    function = buffered(_geometry(type(problem.walker)))
-    foot, upright, gravity, inertia = function(posture, _values(problem.walker))
-    return foot.copy(), float(upright[0]), gravity.copy(), float(inertia @ rates)
-
-
-def _values(walker: Walker) -> list[float]:
-    return [float(getattr(walker, name)) for name in type(walker).model_fields]
+def _at_guess(problem: ProblemStatement) -> Posture:
+    """The walker at the guess, with its stance foot at the origin; without a guess all angles and rates are zero."""
+    walker = type(problem.walker)
+    state = {} if problem.start is None else problem.start.state
+    names = (*walker.shape, *FOOT_COORDINATES)
+    q = np.array([0.0 if name == "x" else state.get(name, 0.0) for name in names])
+    dq = np.array([state.get(f"d{name}", 0.0) for name in names])
+    return posture_at(walker, q, dq, parameter_values(problem.walker))
 
 
 @built_once(maxsize=32)
 def _system(walker: type[Walker]) -> HybridSystem:
     return HybridSystem(walker, NoControl(), friction=shared_friction(walker.labels(), COULOMB))
-
-
-@built_once(maxsize=32)
-def _geometry(walker: type[Walker]) -> Function:
-    """(posture, p) -> swing foot seen from the stance foot, margin of being upright, gravity, row of the inertia for x.
-
-    The posture is the shape, followed by the height y if the walker has one.
-    """
-    (q, p, m), names = symbolic_mechanism(walker), walker.coordinates()[:-1]
-    known = dict(zip((*walker.shape, *FOOT_COORDINATES), vertsplit(q), strict=True))
-    origin = vertcat(*(known[name] for name in FOOT_COORDINATES if name not in names))
-    moment = sum((body.mass * SX(body.position)[0] for body in m.bodies), SX(0))
-    inertia = jacobian(moment, vertcat(*(known[name] for name in walker.coordinates())))
-    expressions = [m.swing_foot, m.upright, m.gravity, densify(inertia)]
-    at_origin = substitute(expressions, [origin], [SX.zeros(origin.numel())])
-    return Function("geometry", [vertcat(*(known[name] for name in names)), p], at_origin)
