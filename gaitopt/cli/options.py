@@ -142,7 +142,7 @@ def floor(tiles: str | None, random: str | None, seed: int, steps: int | None) -
         return RandomFloor.parse(random, seed).draw((steps or UNKNOWN_STEPS) + 1)
     if tiles is None:
         return None
-    return Floor.parse(tiles) if "=" in tiles else Floor.read(tiles)
+    return Floor.parse(tiles) if "=" in tiles or not tiles.strip() else Floor.read(tiles)
 
 
 def counts(texts: Texts) -> dict[str, int]:

@@ -67,6 +67,12 @@ class Dynamics(ReadOnlyArrays):
         _, *others = self.system.step_parameters(self.p)
         return (self, *(Dynamics(self.system, p) for p in others))
 
+    @property
+    def steps_per_cycle(self) -> int:
+        """Number of steps of the shortest cycle: one per leg if the legs differ, all between two corrections."""
+        correction = self.system.correction
+        return len(self.steps) if correction is None else max(len(self.steps), correction.every)
+
     def acting(self, z: Array) -> "Dynamics":
         """The dynamics in the cycle that begins with a state: feedback from step to step corrects some parameters."""
         correction = self.system.correction

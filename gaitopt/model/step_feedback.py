@@ -111,6 +111,8 @@ def _checked(nested: Any) -> Any:
     """Check that every entry is a finite number, or an unknown with bounds and a guess."""
     if not isinstance(nested, Mapping):
         raise ValueError("give the gains of each parameter by coordinate: {control.hip: {theta1: 0.1}}")
+    if not [*_entries(nested)]:
+        raise ValueError("has no entry; give those that are not zero: {control.hip: {theta1: 0.1}}")
     for (key, name), value in _entries(nested):
         words = f"{key}.{name}" if key else name
         if not key:
@@ -121,7 +123,10 @@ def _checked(nested: Any) -> Any:
             right = {*value} == {"free", "guess"} and len(numbers) == 3 and numbers[0] <= numbers[2] <= numbers[1]
             right = right and numbers[0] < numbers[1]
         if not right:
-            raise ValueError(f"{words} is {value}, but must be a number or {{free: [lo, hi], guess: value}} within")
+            raise ValueError(
+                f"{words} is {value}, but must be a number from {-LARGEST_GAIN:g} to {LARGEST_GAIN:g}, or an unknown "
+                "such as {free: [-1, 1], guess: 0} with its guess between its bounds"
+            )
     return nested
 
 
@@ -227,17 +232,25 @@ class StepFeedback(BaseModel):
             yield (), "give either gains: {control.hip: {theta1: 0.1}} or a design: lqr, deadbeat or minimum_radius"
         if self.corrects is not None and self.design is None:
             yield ("corrects",), "names the parameters of a design; with gains leave it out"
+        if self.corrects == ():
+            yield ("corrects",), "names no parameter; leave it out, and all are corrected"
+        known = [f"control.{name}" for name in parameters]
         used: dict[str, tuple[str, ...]] = {key: ("gains",) for key, _ in self.stated}
         used |= dict.fromkeys(self.corrects or (), ("corrects",)) | dict.fromkeys(self.limits or {}, ("limits",))
         if self.design is not None and self.design.lqr is not None:
             used |= dict.fromkeys(self.design.lqr.R, ("design", "lqr", "R"))
+        used = {key: path for key, path in used.items() if key not in known}
+        for key in [f"{key}.{name}" for key, name in self.stated if f"{key}.{name}" in known]:
+            used.pop(key.rpartition(".")[0], None)
+            yield ("gains", key), "give the gains of a parameter by coordinate: {theta1: 0.1}"
         for key, path in used.items():
-            if not key.startswith("control.") or key.removeprefix("control.") not in parameters:
-                known = ", ".join(f"control.{name}" for name in parameters) or "none"
-                yield path, f"{key} is no parameter of the law; it has {known}"
+            yield path, f"{key} is no parameter of the law; it has {', '.join(known) or 'none'}"
+        corrected = self.corrects or [key for key, _ in self.stated] or known
         for key, (low, high) in (self.limits or {}).items():
             if not low < high:
                 yield ("limits", key), f"[{low:g}, {high:g}] is empty: the lower limit comes first"
+            elif key in known and key not in corrected:
+                yield ("limits", key), f"{key} is not corrected; limits bound {', '.join(dict.fromkeys(corrected))}"
 
 
 def _gain_key(key: str, name: str) -> str:

@@ -169,37 +169,36 @@ class Floor:
         """
         try:
             with Path(path).open(newline="", encoding="utf-8") as file:
-                rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
-        except (OSError, UnicodeDecodeError) as error:
+                reader = csv.reader(file)
+                rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
             raise ProblemError(f"{path}: the floor cannot be read: {error}") from None
-        return cls.of_rows(rows, str(path))
-
-    @classmethod
-    def of_rows(cls, rows: Sequence[Sequence[str]], place: str) -> "Floor":
-        """The floor of the rows of a table, whose first one names the columns."""
-        known = {*QUANTITIES, "static", "kinetic"}
-        header = [name.strip() for name in rows[0]] if rows else []
-        wrong = [name for name in header if name not in known] + [name for name in header if header.count(name) > 1]
+        header = [name.strip() for name in rows[0][1]] if rows else []
+        wrong = {*header} - {*QUANTITIES, "static", "kinetic"} or len({*header}) < len(header)
         if wrong or not header or ("static" in header) != ("kinetic" in header) or {"friction", "static"} <= {*header}:
             names = ", ".join(header) or "nothing"
             raise ProblemError(
-                f"{place}: columns are friction (or static, kinetic), height and slope, but it has {names}"
+                f"{path}: columns are friction (or static, kinetic), height and slope, but it has {names}"
             )
         lists: dict[str, list[Any]] = {name: [] for name in header}
-        for line, row in enumerate(rows[1:], start=2):
+        for line, row in rows[1:]:
             if len(row) != len(header):
-                raise ProblemError(f"{place}, row {line}: has {len(row)} values, but there are {len(header)} columns")
+                raise ProblemError(f"{path}, row {line}: has {len(row)} values, but there are {len(header)} columns")
             for name, text in zip(header, row, strict=True):
+                lower, upper = BOUNDS.get(name, BOUNDS["friction"])
                 try:
-                    lists[name].append(float(text))
+                    value = float(text)
                 except ValueError:
-                    raise ProblemError(f"{place}, row {line}, {name}: {text!r} is not a number") from None
+                    raise ProblemError(f"{path}, row {line}, {name}: {text!r} is not a number") from None
+                if not lower <= value <= upper:
+                    raise ProblemError(f"{path}, row {line}, {name}: {text} is outside of {lower:g} to {upper:g}")
+                lists[name].append(value)
         if "static" in lists:
             lists["friction"] = list(zip(lists.pop("static"), lists.pop("kinetic"), strict=True))
         try:
             return cls(**lists)
         except ProblemError as error:
-            raise ProblemError(f"{place}: {error}") from None
+            raise ProblemError(f"{path}: {error}") from None
 
     @property
     def _values(self) -> tuple[tuple[Any, ...], ...]:

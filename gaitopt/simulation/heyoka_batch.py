@@ -78,18 +78,21 @@ class BatchSimulator:
         self._arcs, self._resolver = BatchArcs(dynamics), BatchResolver(dynamics)
         self._max_switches, self._ends = max_switches, np.array(segment_ends(dynamics))
 
-    def step(self, states: Array, p: Array | None = None) -> StepOutcomes:
+    def step(self, states: Array, p: Array | None = None, first: Array | None = None) -> StepOutcomes:
         """Simulate one step from each of the states just after an impact, shape (n, n_z).
 
         Parameters
         ----------
         p : ndarray, shape (n, n_p) - parameters of every state, only for walkers that stand on one foot; by default
-            those of the system. Only the friction, height and slope of the tiles may differ from state to state. As
-            every state begins a cycle, the feedback from step to step corrects its parameters.
+            those of the system. Only the friction, height and slope of the tiles may differ from state to state.
+            Feedback from step to step corrects them.
+        first : ndarray, shape (n, n_z) - states in which the cycles began, from which this feedback follows; by default
+            ``states``.
         """
         correction = self.system.correction
         if correction is not None:
-            p = correction(np.tile(self.dynamics.p, (len(states), 1)) if p is None else p, states)
+            p = np.tile(self.dynamics.p, (len(states), 1)) if p is None else p
+            p = correction(p, states if first is None else first)
         motions = _Motions(states, self.dynamics, p)
         motions.states, modes, endings, landings = self._resolver.start(motions.states)
         motions.choose(np.arange(len(states)), modes, endings)

@@ -43,6 +43,8 @@ FEWEST_BLOCKS, EMPTY_BLOCKS, PRECISE = 4, 8, 0.15
 ``PRECISE``, and number of blocks without a fall after which it ends, or continues with a mesh."""
 WALKS, FEWEST_WALKS, MOST_CELLS = 2000, 4, 1000
 """Number of weighted walks, smallest number of walks in a cell, and largest number of cells."""
+WORST_STEPS = 100
+"""If no walk falls, walks take this number of steps over tiles at the ends of their distributions."""
 CELL, WIDER, WIDE, LEVELS = 0.3, 1.1, 4.0, 8
 """Size of a cell in standard deviations of the states, and the factor by which it grows while there are too many cells.
 The distribution of each quantity of a tile is divided into ``LEVELS`` intervals, or into fewer if cells are larger than
@@ -114,34 +116,45 @@ def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: S
         shares = s**3 * (10 + s * (6 * s - 15))  # weight of a tile: derivative of its share by s
         return {name: floor.spreads[name].quantiles(shares[:, k], BOUNDS[name][0]) for k, name in enumerate(names)}
 
-    for most_cells in (1, MOST_CELLS):  # if falls are frequent, walks of equal weight give the smallest error
-        z, under = np.tile(gait.state, (WALKS, 1)), random.random((WALKS, len(names)))
-        w, group = _tile_weights(under), FEWEST_WALKS
-        w, falls, n = w / w.sum(), list[float](), 0
-        while not _is_enough(falls, EMPTY_BLOCKS if most_cells == 1 else MOST_BLOCKS):
+    z, under = np.tile(gait.state, (WALKS, 1)), random.random((WALKS, len(names)))
+    w, group, n, first, cycle = _tile_weights(under), WALKS, 0, z, dynamics.steps_per_cycle
+    w /= w.sum()
+    for most_cells in (1, MOST_CELLS):  # if falls are frequent, equal weights give the smallest error
+        falls, start = list[float](), n + TRANSIENT
+        while not _is_enough(falls, most_cells == 1):
             if should_stop is not None and should_stop():
                 raise KeyboardInterrupt
             strata = random.permuted(np.tile(np.arange(group), (len(w) // group, len(names), 1)), axis=2)
             ahead = (strata.transpose(0, 2, 1).reshape(w.size, -1) + random.random((w.size, len(names)))) / group
-            outcomes = steps.step(n, z, tiles(under), tiles(ahead))
+            first = first if n % cycle else z
+            outcomes = steps.step(n, z, tiles(under), tiles(ahead), first)
             w, n = w * _tile_weights(ahead), n + 1
-            falls += [float(w[~outcomes.completed].sum())] if n > TRANSIENT else []
+            falls += [float(w[~outcomes.completed].sum())] if n > start else []
             on = outcomes.completed & (w > SMALLEST_WEIGHT)
             if not on.any():
                 return _unknown("all walks fall at once")
-            z, under, w = outcomes.states[on], ahead[on], w[on] / w[on].sum()
+            z, under, first, w = outcomes.states[on], ahead[on], first[on], w[on] / w[on].sum()
             at, w, group = _resampled(_cells(z / dynamics.state_units, under, w, most_cells), w, random)
-            z, under = z[at], under[at]
+            z, under, first = z[at], under[at], first[at]
         share, error = _share(falls)
         if error <= PRECISE:
             break
-    if not share:
-        return _unknown(
-            f"no walk fell within {n} steps, although the rarest of {w.size} walks stood for one of {1 / w.min():.0e}: "
-            "falls are impossible or extremely rare"
-        )
-    ends = [float(np.exp(sign * error)) / share for sign in (-1, 1)]
-    return {"eigenvalue": 1 - share, "mean_steps": 1 / share, "interval": ends, "reason": None}
+    if share:
+        ends = [float(np.exp(sign * error)) / share for sign in (-1, 1)]
+        return {"eigenvalue": 1 - share, "mean_steps": 1 / share, "interval": ends, "reason": None}
+    z, under, k = np.tile(gait.state, (WALKS, 1)), np.full((WALKS, len(names)), 0.5), 0
+    first = z
+    while len(z) and k < WORST_STEPS:
+        if should_stop is not None and should_stop():
+            raise KeyboardInterrupt
+        ahead = random.integers(2, size=(len(z), len(names))).astype(float)
+        first = first if k % cycle else z
+        outcomes, k = steps.step(k, z, tiles(under), tiles(ahead), first), k + 1
+        z, under, first = (each[outcomes.completed] for each in (outcomes.states, ahead, first))
+    fell = f"{WALKS - len(z) or 'none'} of {WALKS} walks over {WORST_STEPS} tiles at the ends of the distributions fell"
+    rare = "extremely rare" if len(z) < WALKS else "impossible or extremely rare"
+    seen = f"no walk fell within {n} steps, although the rarest of {w.size} walks stood for one of {1 / w.min():.0e}"
+    return _unknown(f"{seen}: falls are {rare}; {fell}")
 
 
 def _unknown(reason: str) -> dict[str, Any]:
@@ -152,12 +165,15 @@ def _tile_weights(s: Array) -> Array:
     return np.asarray(np.prod(30 * s**2 * (1 - s) ** 2, axis=1))
 
 
-def _is_enough(falls: list[float], most_blocks: int) -> bool:
+def _is_enough(falls: list[float], has_mesh_left: bool) -> bool:
+    """Whether the blocks suffice, or walks of equal weight would need more of them than are worth while."""
     blocks = len(falls) // BLOCK
     if len(falls) % BLOCK or blocks < FEWEST_BLOCKS:
         return False
     share, error = _share(falls)
-    return blocks >= most_blocks or error <= PRECISE or (share == 0 and blocks >= EMPTY_BLOCKS)
+    most = MOST_BLOCKS if share and not has_mesh_left else EMPTY_BLOCKS
+    needed = blocks * (error / PRECISE) ** 2
+    return error <= PRECISE or blocks >= most or (has_mesh_left and needed > most)
 
 
 def _share(falls: list[float]) -> tuple[float, float]:

@@ -38,7 +38,9 @@ def return_map(
     workers: int = 1,
     should_stop: Stop = None,
 ) -> StepOutcomes:
-    """Walk one step from each of many states just after an impact; one step with each leg if the legs differ.
+    """Walk one step from each of many states just after an impact.
+
+    It is one step with each leg if the legs differ, and a whole cycle under feedback from step to step.
 
     The result for a state does not depend on the other states, on their order, or on their distribution over processes.
 
@@ -122,12 +124,6 @@ class StepMap:
     """
 
     def __init__(self, dynamics: Dynamics, engine: Engine, problem: Problem, floor: Floor | None = None) -> None:
-        correction = dynamics.system.correction
-        if correction is not None and correction.every > 1:
-            raise ProblemError(
-                f"{problem.name}: feedback from step to step acts once per cycle of {correction.every} steps, but a "
-                "map of states takes one step: simulate walks instead"
-            )
         self.dynamics, self.engine, self.floor = dynamics, engine, floor
         self.names = names = dynamics.system.state_names
         self.indices, self.is_stated = np.arange(len(names)), False
@@ -139,7 +135,7 @@ class StepMap:
         self._near = None if problem.start is None else np.array([problem.start.state[name] for name in names])
 
     def __call__(self, xi: Array, rows: Rows | None = None) -> StepOutcomes:
-        """One step from every state; one step with each leg if the legs differ. See ``section_coordinates``."""
+        """``Dynamics.steps_per_cycle`` steps from every state. See ``section_coordinates``."""
         states = self.lift(xi)
         walked = self.walk(states) if self.floor is None else self._on_floor(states).cycle()
         return replace(walked, names=self.names, states=walked.states[:, self.indices])
@@ -177,28 +173,28 @@ class StepMap:
         return TiledWalks(self.dynamics, states, repeated(self.floor, len(states)), self.engine)
 
     def walk(self, states: Array, rows: Rows | None = None) -> StepOutcomes:
-        """Walk one step from whole states, shape (n, n_z), to whole states, which may lie off the section."""
-        first, *others = self._steps
-        walked = first(states)
-        for step in others:
+        """Walk a cycle from whole states, shape (n, n_z), to whole states, which may lie off the section."""
+        walked = self._steps[0](states, first=states)
+        for n in range(1, self.dynamics.steps_per_cycle):
             rows = np.flatnonzero(walked.completed)
             if rows.size:
-                walked = walked.followed_by(step(walked.states[rows]), rows)
+                step = self._steps[n % len(self._steps)]
+                walked = walked.followed_by(step(walked.states[rows], first=states[rows]), rows)
         return walked
 
     @cached_property
-    def _steps(self) -> list[Callable[[Array], StepOutcomes]]:
-        """One step from every state, shape (n, n_z), for each of ``dynamics.steps``."""
+    def _steps(self) -> list[Callable[..., StepOutcomes]]:
+        """One step from every state, shape (n, n_z), of a cycle that began in ``first``, for each leg that differs."""
         if self.engine is Engine.HEYOKA:
             from gaitopt.simulation.heyoka_batch import BatchSimulator  # imports heyoka, which is optional
 
             return [BatchSimulator(dynamics).step for dynamics in self.dynamics.steps]
 
-        def one_by_one(simulator: Simulator, states: Array) -> StepOutcomes:
+        def one_by_one(simulator: Simulator, states: Array, first: Array) -> StepOutcomes:
             outcomes = [
-                simulator.on(simulator.dynamics.acting(state)).step(state) if np.isfinite(state).all()
+                simulator.on(simulator.dynamics.acting(start)).step(state) if np.isfinite(state).all()
                 else UNDEFINED_STATE
-                for state in states
+                for state, start in zip(states, first, strict=True)
             ]  # fmt: skip
             return stack_outcomes(outcomes, states, simulator.system)
 

@@ -71,6 +71,7 @@ class TiledWalks:
 
     def __init__(self, dynamics: Dynamics, states: Array, floors: Floors | None, engine: Engine) -> None:
         self.states, self.walking, self.steps = states.copy(), np.arange(len(states)), 0
+        self._first = self.states.copy()
         self._dynamics, self._floors, walker = dynamics, floors or {}, dynamics.system.walker
         self.in_batches = engine is Engine.HEYOKA and walker.stands_on_one()
         self._one_by_one = list[Iterator[StepOutcomes]]()
@@ -85,7 +86,9 @@ class TiledWalks:
         """Advance the walks that go on by one step; return their indices and how their steps ended."""
         rows = self.walking
         if self.in_batches:
-            outcomes = self._batches.step(self.steps, rows, self.states[rows])
+            if not self.steps % self._dynamics.steps_per_cycle:
+                self._first[rows] = self.states[rows]
+            outcomes = self._batches.step(self.steps, rows, self.states[rows], self._first[rows])
         else:
             outcomes = _joined([next(self._one_by_one[row]) for row in rows])
         self.states[rows], self.steps = outcomes.states, self.steps + 1
@@ -93,7 +96,7 @@ class TiledWalks:
         return rows, outcomes
 
     def cycle(self, rows: Rows | None = None) -> StepOutcomes:
-        """Advance walks by one step, or by one step with each leg if the legs differ, and return how they ended.
+        """Advance walks by ``Dynamics.steps_per_cycle`` steps, and return how they ended.
 
         Parameters
         ----------
@@ -102,7 +105,7 @@ class TiledWalks:
         if rows is not None:
             self.leave(np.setdiff1d(self.walking, rows))
         rows, walked = self.step()
-        for _ in self._dynamics.steps[1:]:
+        for _ in range(1, self._dynamics.steps_per_cycle):
             if self.walking.size:
                 after, step = self.step()
                 walked = walked.followed_by(step, np.searchsorted(rows, after))
@@ -146,15 +149,20 @@ class TiledSteps:
         level = self.on_tiles.parameters(0, {}, np.zeros((1, dynamics.system.n_z)))[0]
         self._simulator = BatchSimulator(Dynamics(self.on_tiles.system, level))
 
-    def step(self, n: int, states: Array, under: Floors, ahead: Floors) -> StepOutcomes:
-        """Step ``n`` from states, shape (m, n_z), on tiles ``under`` the foot to those ``ahead``, shape (m, ...)."""
+    def step(self, n: int, states: Array, under: Floors, ahead: Floors, first: Array) -> StepOutcomes:
+        """Step ``n`` from states, shape (m, n_z), on tiles ``under`` the foot to those ``ahead``, shape (m, ...).
+
+        Parameters
+        ----------
+        first : ndarray, shape (m, n_z) - states in which the cycles began.
+        """
         zero, height = np.zeros(len(states)), "height"
         rise = ahead[height] - under[height] if height in under else zero
         tiles = {
             name: Tiles(friction=_pairs(of.get("friction")), height=up, slope=of.get("slope", zero))
             for name, of, up in ((FOOT, under, zero), (SWING_FOOT, ahead, rise))
         }
-        return self._simulator.step(states, self.on_tiles.parameters(n, tiles, states))
+        return self._simulator.step(states, self.on_tiles.parameters(n, tiles, states), first)
 
 
 def _pairs(friction: Array | None) -> Array | None:
@@ -177,10 +185,10 @@ class _Batches:
         self._tiled = TiledSteps(dynamics, drops=drops, uneven=uneven) if self._floors else None
         self._last = self._last_special()
 
-    def step(self, n: int, rows: Rows, states: Array) -> StepOutcomes:
+    def step(self, n: int, rows: Rows, states: Array, first: Array) -> StepOutcomes:
         if self._tiled is None or n > self._last:
-            return self._nominal[n % len(self._nominal)].step(states)
-        return self._tiled.step(n, states, self._tile(n, rows), self._tile(n + 1, rows))
+            return self._nominal[n % len(self._nominal)].step(states, first=first)
+        return self._tiled.step(n, states, self._tile(n, rows), self._tile(n + 1, rows), first)
 
     def _tile(self, n: int, rows: Rows) -> Floors:
         return {name: values[rows, min(n, values.shape[1] - 1)] for name, values in self._floors.items()}

@@ -195,10 +195,21 @@ def test_a_wrong_floor_is_refused_with_the_reason(make, words):
     assert words in str(error.value)
 
 
-def test_a_table_with_a_wrong_value_is_refused_with_its_place(tmp_path):
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("friction,height\n0.2,0\nice,0\n", "floor.csv, row 3, friction: 'ice' is not a number"),
+        ("# tiles\n\nstatic,kinetic\n0.2,-0.1\n", "floor.csv, row 4, kinetic: -0.1 is outside of 0 to 100"),
+        ("friction,height\n0.2\n", "floor.csv, row 2: has 1 values, but there are 2 columns"),
+        ("friction\n", "floor.csv: floor: has no tile"),
+        ("ice\n0.2\n", "floor.csv: columns are friction"),
+        ("", "but it has nothing"),
+    ],
+)
+def test_a_wrong_table_is_refused_with_its_place(text, words, tmp_path):
     path = tmp_path / "floor.csv"
-    path.write_text("friction,height\n0.2,0\nice,0\n")
-    with pytest.raises(ProblemError, match=r"floor.csv, row 3, friction: 'ice' is not a number"):
+    path.write_text(text)
+    with pytest.raises(ProblemError, match=words):
         Floor.read(path)
 
 

@@ -11,6 +11,7 @@ from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
 from gaitopt.problem.floor import RandomFloor
 from gaitopt.problem.problem import restore_problem
 from gaitopt.requests import Engine
+from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import build_system
 from gaitopt.uncertainty.falls import count_falls
@@ -150,7 +151,11 @@ def test_a_problem_with_feedback_is_stored_and_restored(tmp_path):
     [
         ({"gains": {"control.knee": {"theta1": 1}}}, "control.knee is no parameter of the law"),
         ({"gains": {"control.hip": {"theta3": 1}}}, "theta3 is no coordinate of the section, which has theta1"),
-        ({"gains": {"control.hip": {"theta1": "much"}}}, "must be a number"),
+        ({"gains": {"control.hip": {"theta1": "much"}}}, "must be a number from -1e\\+09 to 1e\\+09"),
+        ({"gains": {"control.hip": 1}}, "give the gains of a parameter by coordinate"),
+        ({"gains": {}}, "has no entry"),
+        ({"design": "lqr", "corrects": []}, "names no parameter"),
+        ({"gains": {"control.hip": {"theta1": 1}}, "limits": {"control.ankle": [0, 1]}}, "ankle is not corrected"),
         ({"design": "lqr", "gains": {"control.hip": {"theta1": 1}}}, "give either gains"),
         ({"design": "lqr", "limits": {"control.hip": [1, 0]}}, "is empty: the lower limit comes first"),
         ({"design": {"lqr": {"Q": {"theta3": 1}}}}, "no weight of theta3"),
@@ -187,8 +192,13 @@ def test_a_cycle_of_two_steps_is_corrected_once():
     first, second, third = go.simulate(gait, {"theta1": 1.01 * gait.state[0]}, steps=3).trajectory.steps
     hips = [step.arcs[0].dynamics.parameter("control.hip") for step in (first, second, third)]
     assert hips[0] == hips[1] != hips[2]
-    with pytest.raises(go.GaitoptError, match="acts once per cycle of 2 steps"):
-        go.return_map(gait, [gait.state[gait.system.section(gait.cycle).indices]])
+    indices = gait.system.section(gait.cycle).indices
+    for floor in (None, go.Floor(height=[0, 1e-4, -1e-4, 0])):
+        walk = go.simulate(gait, {"theta1": 1.001 * gait.state[0]}, steps=2, floor=floor).trajectory
+        for engine in ("scipy", "heyoka")[: 1 + is_installed()]:
+            mapped = go.return_map(gait, [walk.start[indices]], engine=engine, floor=floor)
+            np.testing.assert_allclose(mapped.states[0, :-1], walk.section_states[-1][indices], atol=1e-11)
+            assert mapped.times[0] == pytest.approx(walk.duration, abs=1e-11)
 
 
 def test_the_sensitivity_norm_is_that_of_the_closed_loop():
