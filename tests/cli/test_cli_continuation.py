@@ -164,12 +164,8 @@ def test_folder_of_another_branch_is_left_alone(run):
 
 @pytest.mark.slow
 def test_other_branches_through_a_special_point_are_followed(run):
-    near = (
-        "walker.slope=5.345 deg",
-        "friction=0.6",
-        "gait.guess.state={theta1: -0.2637, dtheta1: 0.8969, dtheta2: 0.1533}",
-    )
-    changes = [word for change in near for word in ("--set", change)]
+    state = "gait.guess.state={theta1: -0.2637, dtheta1: 0.8969, dtheta2: 0.1533}"
+    changes = ("--set", "walker.slope=5.345 deg", "--set", "friction=0.6", "--set", state)
     bounds = ("--param", "walker.slope", "--to", "5.5 deg", "--max-points", "3", "--quiet")
     code, out, _ = run("continue", "compass-passive-stick", *changes, *bounds, "-o", "branch")
     assert code == 0

@@ -51,24 +51,6 @@ def test_a_working_directory_that_is_deleted_is_named(run):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
-        (("solve", WHEEL, "--set", "gait.guess.state.dtheta=1e200"), 3, "--set gait.guess.state.dtheta: 1e+200 is"),
-        (("solve", WHEEL, "--starts", "1000000000000"), 6, "starts need about 6.0 PB on disk"),
-        (("solve", WHEEL, "--starts", "3", "--spread", "1e300"), 2, "--spread"),
-        (("sweep", WHEEL, "--over", f"friction=1:2:{'9' * 50}"), 2, "values; at most 1,000,000,000 are possible"),
-        (("sweep", WHEEL, "--over", f"friction=1:2:{'9' * 5000}"), 2, "write --over friction=LO:HI:N"),
-        (("front", "compass-torque-efficient", "--over", "constraints.speed=0.3:0.4:50000000"), 6, "about 600.0 GB"),
-        (("plot", WHEEL, "--format", "avi"), 2, "Invalid value for '--format': 'avi' is not one of"),
-    ],
-)
-def test_what_is_too_large_or_unknown_is_refused_at_once(run, arguments, code, words):
-    ended, out, err = run(*arguments)
-    assert (ended, out) == (code, "")
-    assert words in err
-
-
-@pytest.mark.parametrize(
     "command",
     [
         ("find", WHEEL, "--starts", "10000000000"), ("explain", WHEEL, "--starts", "10000000000"),
@@ -89,12 +71,6 @@ def test_no_count_makes_a_command_grow_without_bound(run, command):
     assert not [path for path in Path().rglob("*") if path.is_file()]
 
 
-def test_a_whole_number_is_no_parameter_of_a_family(run):
-    code, _, err = run("continue", WHEEL, "--param", "walker.spokes", "--to", "12", "--quiet")
-    assert code == 2
-    assert err.startswith("gaitopt: --param walker.spokes: is a whole number")
-
-
 def test_remarks_go_to_stderr_and_json_stays_clean(run):
     code, out, err = run("validate", WHEEL, "--set", "friction=50", "--json")
     assert code == 0
@@ -102,16 +78,6 @@ def test_remarks_go_to_stderr_and_json_stays_clean(run):
     assert err == "warning: --set friction: 50 is unusual; usually from 0 to 3\n"
     code, _, err = run("solve", WHEEL, "--set", "friction=50", "--quiet", "--json")
     assert (code, err) == (0, "")
-
-
-def test_an_internal_error_without_words_says_where_it_was_raised(run, monkeypatch):
-    def fail(*_):
-        raise TimeoutError
-
-    monkeypatch.setattr("gaitopt.problem.problem.load_problem", fail)
-    code, _, err = run("validate", WHEEL)
-    assert code == 1
-    assert "internal error: TimeoutError (cli/test_cli_input.py:" in err
 
 
 def test_a_level_wheel_lacks_energy(run):

@@ -30,13 +30,9 @@ gait:
 """
 
 
-def test_control_characters_are_shown_as_escapes():
-    assert printable(ATTACK) == SHOWN
-    assert printable(SHOWN) == SHOWN
-
-
-def test_lone_surrogates_are_shown_too():
-    assert printable("\udc80") == r"\udc80"
+@pytest.mark.parametrize(("text", "shown"), [(ATTACK, SHOWN), (SHOWN, SHOWN), ("\udc80", r"\udc80")])
+def test_control_characters_and_lone_surrogates_are_shown_as_escapes(text, shown):
+    assert printable(text) == shown
 
 
 @pytest.mark.parametrize("terminal", [True, False])
@@ -76,19 +72,13 @@ def test_the_narrowest_width_has_room_for_a_column(monkeypatch):
 
 @pytest.mark.usefixtures("empty_folder")
 @pytest.mark.parametrize(
-    "command",
-    [
-        ("show",),
-        ("validate",),
-        ("solve", "--json"),
-        ("solve",),
-        ("simulate",),
-        ("validate", "--set", "objective=\x1b[31m"),
-    ],
-)
-def test_commands_print_no_sequence_of_a_problem_file(run, empty_folder, command):
+    ("command", "options"),
+    [("show", ()), ("validate", ()), ("solve", ("--json",)), ("solve", ()), ("simulate", ()),
+     ("validate", ("--set", "objective=\x1b[31m"))],
+)  # fmt: skip
+def test_commands_print_no_sequence_of_a_problem_file(run, empty_folder, command, options):
     (empty_folder / "evil.yaml").write_text(PROBLEM)
-    _, out, err = run(command[0], "evil.yaml", *command[1:])
+    _, out, err = run(command, "evil.yaml", *options)
     assert not set(out + err) & set("\x1b\x07")
 
 
@@ -180,16 +170,8 @@ def test_a_walk_of_a_problem_is_compared_with_its_gait_where_that_is_known(run, 
     assert state["dtheta"] == pytest.approx(gait.to_record()["state"]["dtheta"])
 
 
-UNICODE = """name: walk
-about: "Gåit für µ → 走る 🦿"
-walker: {model: rimless_wheel, spokes: 6, radius: 1, mass: 1, inertia_ratio: 0.5, gravity: 9.81, slope: 13 deg}
-friction: 1.0  # größer
-control: {type: none}
-gait:
-  phases: [stick]
-  impact: stick
-  guess: {state: {dtheta: 0.9}}
-"""
+UNICODE = PROBLEM.partition("walker:")[2].replace("friction: 1.0", "friction: 1.0  # größer")
+UNICODE = f'name: walk\nabout: "Gåit für µ → 走る 🦿"\nwalker:{UNICODE}'
 COMMANDS = (
     ("list",), ("schema",), ("show", "ä.yaml"), ("show", "ä.yaml", "--json"), ("validate", "ä.yaml"), ("show", "é"),
     ("solve", "ä.yaml", "-o", "ü"), ("verify", "ü"), ("simulate", "ü", "-o", "ö"), ("plot", "ü", "--what", "ß"),

@@ -69,6 +69,8 @@ def test_point_of_a_branch_is_the_guess(run):
     code, out, _ = run("solve", "rimless-wheel-slope", "--start", place, "--json")
     assert code == 0
     assert json.loads(out)["parameters"]["walker.slope"] == pytest.approx(0.23577, abs=1e-4)
+    code, _, err = run("solve", WHEEL, "--start", f"{folder}@7.7")
+    assert (code, "the branch has no point 7.7; its points are 0.0 to" in err) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -82,14 +84,6 @@ def test_point_of_a_branch_is_the_guess(run):
 def test_start_that_is_none_is_named(run, start, code, words):
     exit_code, _, err = run("solve", WHEEL, "--start", start, "--quiet")
     assert (exit_code, words in err) == (code, True), err
-
-
-def test_point_that_a_branch_lacks_is_named(run):
-    run("continue", WHEEL, "--param", "friction", "--to", "0.41")
-    (folder,) = (path.parent for path in Path().rglob("branch.jsonl"))
-    code, _, err = run("solve", WHEEL, "--start", f"{folder}@7.7")
-    assert code == 2
-    assert "the branch has no point 7.7; its points are 0.0 to" in err
 
 
 def test_where_the_objective_does_not_decide_stable_gaits_come_first():
