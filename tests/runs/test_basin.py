@@ -96,10 +96,6 @@ def test_basin_on_scipy_is_that_on_heyoka_in_tiles_for_every_core(gait, basin, t
         np.testing.assert_array_equal(getattr(walked, name), getattr(basin, name))
 
 
-def test_small_basin_walks_on_heyoka_too(gait, tmp_path):
-    assert plan_in(tmp_path, gait, engine="auto").chosen_engine is Engine.HEYOKA
-
-
 def test_basin_without_heyoka_says_what_is_faster(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("gaitopt.simulation.engine.find_spec", lambda name: None)
     grid = ("--over", "dtheta=0.9:1:2", "--workers", "1", "-o", str(tmp_path / "run"))
@@ -116,8 +112,9 @@ def test_tile_that_is_broken_is_named(gait, tmp_path):
         plan.complete(HERE)
 
 
-def test_tiles_of_another_basin_are_not_used(gait, tmp_path):
+def test_tiles_of_another_basin_are_not_used_and_a_small_one_walks_on_heyoka_too(gait, tmp_path):
     assert plan_in(tmp_path, gait).run != plan_in(tmp_path, gait, steps=10).run
+    assert plan_in(tmp_path, gait, engine="auto").chosen_engine is Engine.HEYOKA
 
 
 class Map:
@@ -142,11 +139,6 @@ def rotation(angle, factor):
     return lambda xi: factor * xi @ np.array([[c, s], [-s, c]])
 
 
-def test_spiral_into_a_fixed_point_is_no_cycle():
-    outcomes = follow(Map(rotation(2 * np.pi / 3, 0.8)), np.array([[1.0, 0.0], [0.3, 0.4]]), 200)
-    assert outcomes.periods.tolist() == [1, 1]
-
-
 @pytest.mark.parametrize("period", range(1, MAX_PERIOD + 1))
 def test_cycle_has_its_period_and_one_name_wherever_it_is_entered(period):
     angle = 2 * np.pi / period
@@ -160,7 +152,9 @@ def test_cycle_has_its_period_and_one_name_wherever_it_is_entered(period):
     assert gaits[0].count == len(cycle)
 
 
-def test_walk_that_never_settles_is_undecided_and_one_that_falls_is_not():
+def test_a_spiral_is_no_cycle_a_walk_that_never_settles_is_undecided_and_one_that_falls_is_not():
+    outcomes = follow(Map(rotation(2 * np.pi / 3, 0.8)), np.array([[1.0, 0.0], [0.3, 0.4]]), 200)
+    assert outcomes.periods.tolist() == [1, 1]
     outcomes = follow(Map(rotation(1.0, 1.0)), np.array([[1.0, 0.0], [9.0, 0.0]]), 30)
     assert outcomes.endings.tolist() == [UNDECIDED, ENDINGS.index(Ending.FALL)]
     assert outcomes.steps.tolist() == [30, 0]
@@ -187,12 +181,9 @@ def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
     assert go.verify(gait).passed
 
 
-def test_grid_over_something_else_is_refused(gait, tmp_path):
+def test_grid_over_something_else_or_that_does_not_fit_is_refused_before_it_starts(gait, tmp_path):
     with pytest.raises(UnknownNameError, match="friction: not a coordinate just after an impact; use theta1"):
         plan_in(tmp_path, gait, grid=Grid((Axis(key="friction", lower=0.1, upper=0.2, count=2),))).check()
-
-
-def test_grid_that_does_not_fit_is_refused_before_it_starts(gait, tmp_path):
     huge = Grid((Axis(key="dtheta1", lower=0.1, upper=1, count=10**7), Axis(key="dx", lower=0, upper=1, count=10**6)))
     with pytest.raises(StorageError, match=r"10,000,000,000,000 points need about .* TB on disk"):
         plan_in(tmp_path, gait, grid=huge).check()

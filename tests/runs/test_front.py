@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt import load_problem, load_run
-from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.errors import ProblemError
 from gaitopt.runs import jobs as solved
 from gaitopt.runs.front import FrontPlan
 from gaitopt.runs.grid import Axis
@@ -30,43 +30,26 @@ def front(folder):
     return FrontPlan(problem=design_problem(), axis=AXIS, folder=folder).complete()
 
 
-def test_every_point_of_a_front_is_verified(front):
+def test_every_point_of_a_front_is_verified_and_cost_rises_along_it(front):
     assert [point.value for point in front] == pytest.approx([0.4, 0.45])
     assert all(point.converged and point.gait["verification"]["passed"] for point in front)
-
-
-def test_cost_rises_along_the_pareto_front(front):
     costs = [point.to_record()["objective"] for point in front if point.pareto]
     assert costs == sorted(costs)
     assert len(costs) == 2
 
 
-def test_front_resumes_where_it_stopped(front, folder, monkeypatch):
+def test_front_resumes_where_it_stopped_comes_back_from_its_folder_and_is_drawn_again(
+    front, folder, run, tmp_path, monkeypatch
+):
     monkeypatch.setattr(solved, "solve_job", None)  # nothing is left to do
     again = FrontPlan(problem=design_problem(), axis=AXIS, folder=folder).complete()
-    assert [point.to_record() for point in again] == [point.to_record() for point in front]
-
-
-def test_front_comes_back_from_its_folder_and_is_drawn_again(front, folder, run, tmp_path):
-    stored = load_run(folder)
-    assert [point.to_record() for point in stored] == [point.to_record() for point in front]
+    records = [point.to_record() for point in front]
+    assert [point.to_record() for point in again] == [point.to_record() for point in load_run(folder)] == records
     code, out, _ = run("plot", str(folder), "--format", "svg", "-o", str(tmp_path / "drawn"))
     assert (code, out.strip()) == (0, str(tmp_path / "drawn" / "front-constraints.speed.min.svg"))
     code, _, err = run("report", str(folder))
     assert code == 6
     assert "holds a front, but no gait" in err
-
-
-def test_front_along_a_word_names_the_nearest_number(tmp_path):
-    with pytest.raises(UnknownNameError, match=r"did you mean constraints\.speed"):
-        FrontPlan(
-            problem=design_problem(), axis=Axis(key="speed", lower=0.4, upper=0.5, count=2), folder=tmp_path
-        ).complete()
-
-
-def test_front_without_objective_is_refused(tmp_path):
-    with pytest.raises(ProblemError, match="needs an objective"):
-        FrontPlan(problem=load_problem("rimless-wheel-slope"), axis=AXIS, folder=tmp_path).complete()
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ def rewritten(folder: Path, file: str, change) -> None:
 
 
 @pytest.mark.usefixtures("empty_folder")
-def test_an_end_at_a_bound_of_the_request_is_one_in_a_file_that_does_not_say_so(run):
+def test_an_end_at_a_bound_of_the_request_is_one_in_a_file_that_does_not_say_so_and_no_other_end_is(run):
     assert run(*WALK)[0] == 0
     folder = Path("branch")
     rewritten(folder, BRANCH_FILE, lambda line: {key: value for key, value in line.items() if key != "bound"})
@@ -38,16 +38,9 @@ def test_an_end_at_a_bound_of_the_request_is_one_in_a_file_that_does_not_say_so(
     code, out, _ = run(*WALK, "--json")
     assert (code, json.loads(out.splitlines()[-1])["bound"]) == (0, True)
 
-
-@pytest.mark.usefixtures("empty_folder")
-def test_an_end_of_the_family_itself_stays_one(run):
-    assert run(*WALK)[0] == 0
-    folder = Path("branch")
-    change = {"record": "special", "type": "end"}
-
     def ended_before(line):
-        own = {key: value for key, value in line.items() if key != "bound"}
-        return own | {"value": 0.96} if own.items() >= change.items() else own
+        line = {key: value for key, value in line.items() if key != "bound"}
+        return line | {"value": 0.96} if line.get("type") == "end" else line
 
     rewritten(folder, BRANCH_FILE, ended_before)
     assert [special.bound for special in go.load_run(folder).specials] == [False]
