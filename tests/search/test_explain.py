@@ -17,35 +17,23 @@ def wheel():
 
 
 @pytest.mark.slow
-def test_the_cause_is_the_friction_that_sticking_needs(wheel):
+def test_the_cause_is_the_friction_that_sticking_needs_and_instead_there_is_the_gait_that_slips(wheel):
     assert not wheel.exists
     assert wheel.causes[0].what == "friction"
     assert wheel.causes[0].needed == pytest.approx(0.914121, abs=1e-6)
-
-
-@pytest.mark.slow
-def test_instead_there_is_the_gait_that_slips(wheel):
     assert [str(gait.problem.cycle) for gait in wheel.instead] == ["stick, slip_forward; stick"]
     assert wheel.walk.to_record()["steps"] == 20
 
 
 @pytest.mark.slow
-def test_the_nearest_friction_is_where_the_slip_sets_in(wheel):
-    nearest = {n.parameter: n for n in wheel.nearest}["friction"]
-    assert nearest.value == pytest.approx(wheel.causes[0].needed, abs=1e-7)  # which is not refined
-    assert nearest.type == "mode_change"
-
-
-@pytest.mark.slow
 def test_at_the_nearest_values_the_gait_exists_and_beyond_it_does_not(wheel):
+    friction = {n.parameter: n for n in wheel.nearest}["friction"]
+    assert friction.value == pytest.approx(wheel.causes[0].needed, abs=1e-7)  # which is not refined
+    assert friction.type == "mode_change"
     for nearest in wheel.nearest:
         away = 1e-6 * (nearest.value - wheel.problem.parameters[nearest.parameter])
         for value, exists in ((nearest.value + away, True), (nearest.value - away, False)):
             assert solve(wheel.problem.replace({nearest.parameter: value})).converged is exists
-
-
-@pytest.mark.slow
-def test_the_record_has_the_keys_of_the_command_line(wheel):
     record = wheel.to_record()
     assert record.keys() >= {"problem", "exists", "causes", "instead", "nearest"}
     assert record["causes"][0].keys() == {"what", "phase", "time", "needed", "available", "words"}

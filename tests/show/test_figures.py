@@ -90,11 +90,6 @@ def test_the_force_ratio_stays_between_the_edges_of_the_cone_and_the_cross_is_th
     assert cross.get_xdata()[0] == pytest.approx(shown.measures["period"])
 
 
-def test_torques_of_a_passive_walker_are_drawn_only_by_name():
-    assert "torques" not in figures_of(gait("compass-passive-a")).usual
-    assert "torques" in figures_of(gait("compass-pd-impact-slip")).usual
-
-
 @pytest.mark.parametrize("name", [*SEQUENCES, TORSO])
 def test_a_record_is_enough_to_draw_the_same_motion(name):
     ours = gait(name)
@@ -106,13 +101,19 @@ def test_a_record_is_enough_to_draw_the_same_motion(name):
 
 
 def test_method_comparison_agree_and_a_spoiled_gait_is_seen_to_disagree():
+    """Arcs are not compared beyond a different mode."""
     ours = gait("compass-passive-a")
+    assert "torques" not in figures_of(ours).usual  # of a passive walker
+    assert "torques" in figures_of(gait("compass-pd-impact-slip")).usual
     walked = simulated(ours)
     motion = motion_of(ours)
     assert max(np.abs(gap).max() for _, gap in differences(motion.steps, walked)) < 1e-8
-    arcs = [replace(arc, states=arc.states + 1e-4) for arc in motion.steps[0].arcs]
+    first, *others = motion.steps[0].arcs
+    arcs = [replace(arc, states=arc.states + 1e-4) for arc in (first, *others)]
     spoiled = Step(arcs=tuple(arcs), impact=motion.steps[-1].impact)
     assert max(np.abs(gap).max() for _, gap in differences([spoiled], walked)) > 9e-5
+    other = replace(motion.steps[0], arcs=(replace(first, mode=Mode.STICK), *others))
+    assert list(differences([other], motion.steps)) == []
 
 
 def test_at_most_twenty_points_are_marked_from_the_first_to_the_last():
@@ -123,31 +124,26 @@ def test_at_most_twenty_points_are_marked_from_the_first_to_the_last():
         np.testing.assert_array_equal(states[:, 0], times)
 
 
-def test_arcs_are_not_compared_beyond_a_different_mode():
-    motion = motion_of(gait("compass-passive-a"))
-    other = replace(
-        motion.steps[0], arcs=(replace(motion.steps[0].arcs[0], mode=Mode.STICK), *motion.steps[0].arcs[1:])
-    )
-    assert list(differences([other], motion.steps)) == []
+def words_of(figure):
+    """The texts of the legend of a figure."""
+    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_stable_gaits_are_thick_and_unstable_ones_dotted():
-    axes = over_parameter({"gait": branch()}, FRICTION).axes[0]
+def test_a_branch_shows_stability_special_points_and_mode_sequences():
+    """Stable gaits are thick and unstable ones dotted; special points have a marker and a word."""
+    figure = over_parameter({"gait": branch()}, FRICTION)
+    axes, words = figure.axes[0], words_of(figure)
     thick = [line for line in axes.lines if line.get_linewidth() > 2]
     assert [len(line.get_xdata()) for line in thick] == [4]  # gait A, stable throughout
     assert max(thick[0].get_ydata()) < 1
     dotted = [line for line in axes.lines if line._unscaled_dash_pattern == UNSTABLE]
     assert [len(line.get_xdata()) for line in dotted] == [3]  # gait B, unstable throughout
     assert min(dotted[0].get_ydata()) > 1
-
-
-def test_special_points_have_a_marker_and_a_word():
-    figure = over_parameter({"gait": branch()}, FRICTION)
-    words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "Neimark–Sacker" in words
-    assert "branch ends" in words
-    marks = [line for line in figure.axes[0].lines if line.get_marker() in ("D", "|")]
+    assert words[0] == "slip forward, stick, slip backward; impact stick"
+    assert {"Neimark–Sacker", "branch ends"} <= {*words}
+    marks = [line for line in axes.lines if line.get_marker() in ("D", "|")]
     assert sorted(line.get_xdata()[0] for line in marks) == [0.135, 0.16]
+    assert len({line.get_color() for line in axes.lines if len(line.get_xdata()) > 2}) > 1
 
 
 def test_every_scalar_that_gaits_of_a_branch_have_can_be_drawn():
@@ -234,21 +230,19 @@ def heat_map(rows):
     return sweep(swept(axes, grid_records([v for row in rows for v in row])), "spectral_radius")
 
 
+def lines_of(figure):
+    return [artist for artist in figure.axes[0].collections if isinstance(artist, ContourSet)]
+
+
 def test_line_where_stability_is_lost_is_where_the_interpolated_radius_is_one():
     figure = heat_map([[0.85, 0.85, None], [1.05, 1.05, 1.05], [1.25, None, 1.25]])
-    (line,) = [artist for artist in figure.axes[0].collections if isinstance(artist, ContourSet)]
+    (line,) = lines_of(figure)
     (path,) = line.get_paths()
+    for rows in ([[0.5, 0.6], [0.7, 0.8]], [[None, None], [None, None]]):
+        assert not lines_of(heat_map(rows))
     assert path.vertices[:, 0] == pytest.approx(0.175)
     assert (path.vertices[:, 1].min(), path.vertices[:, 1].max() < 0.02) == (0.0, True)  # not to what has no gait
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
-        "spectral radius 1: stability lost",
-        "not with these phases",
-    ]
-
-
-@pytest.mark.parametrize("rows", [[[0.5, 0.6], [0.7, 0.8]], [[None, None], [None, None]]])
-def test_without_a_loss_of_stability_inside_the_map_there_is_no_line(rows):
-    assert not [artist for artist in heat_map(rows).axes[0].collections if isinstance(artist, ContourSet)]
+    assert words_of(figure) == ["spectral radius 1: stability lost", "not with these phases"]
 
 
 def test_one_gait_of_another_branch_does_not_stretch_the_colours():
@@ -258,11 +252,8 @@ def test_one_gait_of_another_branch_does_not_stretch_the_colours():
     low, high = outlying.axes[0].collections[0].get_clim()
     assert low == pytest.approx(0.601)
     assert high < 0.8
-
-
-def test_rounding_of_a_constant_is_not_spread_over_all_colours():
     low, high = heat_map([[0.7, 0.7 + 1e-16], [0.7 - 1e-16, 0.7]]).axes[0].collections[0].get_clim()
-    assert high - low > 0.01
+    assert high - low > 0.01  # rounding of a constant
 
 
 def test_a_sweep_keeps_its_range_marks_failures_and_shows_degrees_where_they_were_given():
@@ -273,8 +264,7 @@ def test_a_sweep_keeps_its_range_marks_failures_and_shows_degrees_where_they_wer
     assert "°" in axes.get_xlabel()
     (crosses,) = [line for line in axes.lines if line.get_marker() == "x"]
     np.testing.assert_allclose(crosses.get_xdata(), [2, 3])
-    (cross,) = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert cross == "not with these phases"
+    assert words_of(figure) == ["not with these phases"]
 
 
 def test_a_cross_of_a_sweep_claims_no_more_than_is_known():
@@ -282,7 +272,7 @@ def test_a_cross_of_a_sweep_claims_no_more_than_is_known():
     records = [*grid_records([None, 0.5]), {"status": "not_converged", "spectral_radius": None}]
     for phases, words in ((["stick"], "not with these phases"), ("auto", "no gait")):
         figure = sweep(swept([axis], records, phases), "spectral_radius")
-        assert [text.get_text() for text in figure.legends[0].get_texts()] == [words, "not converged"]
+        assert words_of(figure) == [words, "not converged"]
 
 
 def test_the_stable_line_reaches_the_bifurcation_and_a_requested_end_is_not_marked():
@@ -294,15 +284,8 @@ def test_the_stable_line_reaches_the_bifurcation_and_a_requested_end_is_not_mark
     figure = over_parameter({"gait": [*points, crossing, end]}, FRICTION)
     (thick,) = [line for line in figure.axes[0].lines if line.get_linewidth() > 2]
     assert thick.get_xdata()[-1] == 0.1125
-    assert "branch ends" not in [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "branch ends" not in words_of(figure)
     assert [text.get_text() for text in figure.axes[0].texts] == ["0.1125"]
-
-
-def test_mode_sequences_of_a_branch_have_colours_and_names():
-    figure = over_parameter({"gait": branch()}, FRICTION)
-    words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert words[0] == "slip forward, stick, slip backward; impact stick"
-    assert len({line.get_color() for line in figure.axes[0].lines if len(line.get_xdata()) > 2}) > 1
 
 
 def test_requests_without_a_design_are_ticks_with_their_reason():
@@ -310,8 +293,7 @@ def test_requests_without_a_design_are_ticks_with_their_reason():
     reason = "speed at least 9 m/s conflicts with the impact, whose lift velocity would be negative: best reached 0.53"
     failed = {"value": 9.0, "objective": None, "status": "infeasible", "message": reason}
     figure = front_figure(gait("compass-passive-a").problem, "constraints.speed.min", [*records, failed])
-    words = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert f"infeasible: {reason}" in [text.replace("\n", " ") for text in words]
+    assert f"infeasible: {reason}" in [text.replace("\n", " ") for text in words_of(figure)]
 
 
 def test_no_text_lies_over_text_or_over_a_curve_or_is_cut_off(drawn):
@@ -377,7 +359,7 @@ def test_multipliers_far_beyond_the_circle_leave_it_visible_and_are_written_at_t
     points = [{**record, "multipliers": [{"re": 3e4, "im": 0.0}]} for record in branch() if record["record"] == "point"]
     figure = multiplier_paths(points, FRICTION)
     assert figure.axes[0].get_xlim() == (-2, 2)
-    assert "at the edge: beyond it, |λ| up to 3e+04" in [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "at the edge: beyond it, |λ| up to 3e+04" in words_of(figure)
 
 
 def test_legends_of_long_cascades_stay_inside_and_leave_the_axes_their_height():
@@ -426,7 +408,7 @@ def test_the_lock_of_a_knee_is_drawn_as_a_jump():
     knee = [shown.system.state_names.index(name) for name in ("theta3", "dtheta3")]
     jumps = [line.get_xydata() for line in figure.axes[0].lines if line.get_linestyle() == ":"]
     assert any(np.allclose(jump, [before[-1, knee], after[0, knee]]) for jump in jumps if len(jump) == 2)
-    assert "impact, or a stop locks" in [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "impact, or a stop locks" in words_of(figure)
 
 
 def test_a_hopper_shows_its_height_and_what_it_presses_on_the_ground():
@@ -435,8 +417,7 @@ def test_a_hopper_shows_its_height_and_what_it_presses_on_the_ground():
     landed, flying = ([line.get_ydata() for line in normal.lines if line.get_linestyle() == own] for own in ("-", ":"))
     assert max(np.max(force) for force in landed) > 1
     assert all(np.allclose(force, 0) for force in flying)
-    words = [text.get_text() for text in figures_of(shown).draw("methods").legends[0].get_texts()]
-    assert "y, simulation" in words
+    assert "y, simulation" in words_of(figures_of(shown).draw("methods"))
 
 
 def test_rounding_is_not_drawn_as_motion():

@@ -3,10 +3,12 @@
 import base64
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from casadi import SX, vertcat
+from named import named
 from pictured import SEQUENCES, TORSO, gait
 from pydantic import TypeAdapter
 
@@ -28,10 +30,12 @@ from gaitopt.show.motion import motion_of
 from gaitopt.show.pages import animation_page
 
 WALKERS = (*SEQUENCES, TORSO)
+LEGS = {"compass-passive-a": [1.6, 1.6], "kneed-passive": [1.0, 0.5, 0.5]}
+"""Lengths of lines of the drawing [m]."""
 
 
 def drawing(name):
-    motion = motion_of(gait(name))
+    motion = motion_of(gait(name) if name in WALKERS else named(name))
     arcs = motion.steps[0].arcs
     return motion, np.vstack([arc.states for arc in arcs]), skeleton(arcs)
 
@@ -44,18 +48,66 @@ def unpack(packed, name):
     return low + step * (lower + 256 * upper)
 
 
-@pytest.mark.parametrize("name", WALKERS)
+def lengths(drawn):
+    return [np.linalg.norm(drawn.points[:, a] - drawn.points[:, b], axis=1) for a, b in drawn.legs]
+
+
+@pytest.mark.parametrize("name", [*WALKERS, "kneed-passive"])
 def test_legs_keep_their_length(name):
     _, _, drawn = drawing(name)
-    for a, b in drawn.legs:
-        lengths = np.linalg.norm(drawn.points[:, a] - drawn.points[:, b], axis=1)
-        np.testing.assert_allclose(lengths, lengths[0], rtol=1e-9)
+    for length in lengths(drawn):
+        np.testing.assert_allclose(length, length[0], rtol=1e-9)
+    if name in LEGS:
+        assert [length[0] for length in lengths(drawn)] == pytest.approx(LEGS[name])
 
 
-def test_legs_of_the_compass_are_as_long_as_its_legs():
-    _, _, drawn = drawing("compass-passive-a")
-    lengths = [np.linalg.norm(drawn.points[0, a] - drawn.points[0, b]) for a, b in drawn.legs]
-    np.testing.assert_allclose(lengths, [1.6, 1.6])
+def test_arcs_touch_the_ground_where_it_acts():
+    _, states, drawn = drawing("round-feet-passive")
+    contact = drawn.points[:, drawn.contacts[0]]
+    assert contact[:, 1] == pytest.approx(0, abs=1e-12)
+    assert contact[:, 0] == pytest.approx(states[:, 2] + 0.2 * states[:, 0], abs=1e-12)
+    arcs = drawn.points[:, [b for _, b in drawn.legs[2:]]]
+    assert -1e-9 < arcs[0, :, 1].min() < 1e-3
+    assert film(motion_of(named("round-feet-passive")))["contacts"][0]["point"] == drawn.contacts[0]
+
+
+def test_springs_of_telescopic_legs_are_zigzags_whose_length_changes():
+    _, _, drawn = drawing("telescopic-passive")
+    stance, swing, *coils = lengths(drawn)
+    assert stance == pytest.approx(0.5)
+    assert swing == pytest.approx(0.5)
+    of_stance, of_swing = np.split(np.array(coils), 2)
+    assert np.ptp(of_stance, axis=1).max() < 1e-12
+    assert np.ptp(of_swing, axis=1).max() > 1e-3
+
+
+def test_masses_of_legs_that_differ_are_drawn_where_they_are():
+    unequal = named("compass-unequal")
+    moved = unequal.problem.replace({"walker.leg_com": 0.7})
+    distances = []
+    for dynamics in unequal.dynamics.at(moved.parameters).steps:
+        points = skeleton([replace(unequal.arcs[0], dynamics=dynamics)]).points[0]
+        distances.append([np.linalg.norm(points[2] - points[0]), np.linalg.norm(points[4] - points[1])])
+    assert distances == [pytest.approx([0.7, 0.8]), pytest.approx([0.8, 0.7])]
+
+
+@pytest.mark.parametrize(
+    ("name", "sides"),
+    [
+        ("torso-passive", (0, 1, None)),
+        ("heel-toe", (0,) * 4 + (1,) * 4),
+        ("telescopic-passive", ()),
+        ("rabbit-hzd", (None, 0, 0, 1, 1)),
+    ],
+)
+def test_the_lines_of_a_walker_know_the_leg_to_which_they_belong(name, sides):
+    _, _, drawn = drawing(name)
+    assert sorted(drawn.sides, key=str) == sorted(sides, key=str)
+    if name == "torso-passive":
+        assert drawn.points[:, drawn.contacts[0]] == pytest.approx(drawn.points[:, 0])
+    for side in (0, 1) if name == "rabbit-hzd" else ():
+        ends = [drawn.points[:, b] for (_, b), each in zip(drawn.legs, drawn.sides, strict=True) if each == side]
+        assert any(np.allclose(end, drawn.points[:, side], atol=1e-12) for end in ends)
 
 
 def test_a_wheel_has_all_its_spokes():

@@ -59,20 +59,9 @@ def test_a_writer_killed_at_any_moment_leaves_a_whole_file(tmp_path):
 
 
 def test_json_keeps_every_digit_and_has_no_bare_nan():
-    record = {
-        "a": ONE_THIRD,
-        "b": [np.nan, -np.inf],
-        "c": np.array([np.pi, np.nan]),
-        "d": np.float64(0.1),
-        "e": (1, True),
-    }
-    assert json.loads(json_text(record), parse_constant=pytest.fail) == {
-        "a": ONE_THIRD,
-        "b": [None, None],
-        "c": [np.pi, None],
-        "d": 0.1,
-        "e": [1, True],
-    }
+    record = {"a": ONE_THIRD, "b": [np.nan, -np.inf], "c": np.array([np.pi, np.nan]), "d": np.float64(0.1)}
+    known = {"a": ONE_THIRD, "b": [None, None], "c": [np.pi, None], "d": 0.1, "e": [1, True]}
+    assert json.loads(json_text({**record, "e": (1, True)}), parse_constant=pytest.fail) == known
 
 
 def test_a_table_is_read_back_to_the_last_digit():
@@ -94,23 +83,20 @@ def test_a_torn_table_names_its_line(text, words):
         parse_csv(text)
 
 
-def test_appended_records_are_read_back_in_order(tmp_path):
-    path = tmp_path / "branch.jsonl"
-    for start in (0, 2):
-        with LineWriter(path) as lines:
-            lines.append({"index": start, "value": ONE_THIRD})
-            lines.append({"index": start + 1, "value": np.nan})
-    records = list(read_lines(path))
-    assert [record["index"] for record in records] == [0, 1, 2, 3]
-    assert records[0]["value"] == ONE_THIRD
-    assert records[1]["value"] is None
-
-
 def written(path, *records):
     with LineWriter(path) as lines:
         for record in records:
             lines.append(record)
     return path.read_bytes()
+
+
+def test_appended_records_are_read_back_in_order(tmp_path):
+    path = tmp_path / "branch.jsonl"
+    records = [{"index": k, "value": ONE_THIRD if k % 2 == 0 else np.nan} for k in range(4)]
+    for start in (0, 2):
+        text = written(path, *records[start : start + 2])
+    assert text.decode() == lines_text(records)
+    assert list(read_lines(path)) == [{"index": k, "value": ONE_THIRD if k % 2 == 0 else None} for k in range(4)]
 
 
 @pytest.mark.parametrize("kept", [1, 10, -2, -1])
@@ -121,11 +107,6 @@ def test_a_torn_last_line_is_dropped_and_then_overwritten(tmp_path, kept):
     path.write_bytes(first + whole[len(first) :][:kept])
     assert list(read_lines(path)) == [{"index": 0}]
     assert written(path, {"index": 7}) == whole
-
-
-def test_lines_written_at_once_are_those_appended(tmp_path):
-    records = [{"index": k, "value": ONE_THIRD} for k in range(3)]
-    assert written(tmp_path / "branch.jsonl", *records).decode() == lines_text(records)
 
 
 DAMAGES = {
@@ -202,8 +183,8 @@ def test_planted_links_are_never_written_through(tmp_path, monkeypatch):
 def test_names_of_temporary_files_cannot_be_guessed(tmp_path, monkeypatch):
     names, replace = [], Path.replace
     monkeypatch.setattr(Path, "replace", lambda path, target: (names.append(path.name), replace(path, target))[1])
-    write_whole(tmp_path / "a", "1")
-    write_whole(tmp_path / "a", "2")
+    for text in ("1", "2"):
+        write_whole(tmp_path / "a", text)
     assert len(set(names)) == 2
     assert all(files.TEMPORARY_NAME.fullmatch(name) for name in names)
 
@@ -218,8 +199,5 @@ def test_a_full_disk_keeps_the_lines_before(tmp_path, monkeypatch):
         monkeypatch.undo()
         lines.append({"index": 2})
     assert list(read_lines(path)) == [{"index": 0}, {"index": 2}]
-
-
-def test_a_missing_file_of_lines_is_named(tmp_path):
     with pytest.raises(StorageError, match=r"cannot read .*none\.jsonl: No such file"):
         list(read_lines(tmp_path / "none.jsonl"))

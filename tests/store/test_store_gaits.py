@@ -38,11 +38,8 @@ def test_arcs_come_back_to_the_last_digit(gait, restored):
     assert {name: restored.measures[name] for name in undefined} == undefined
 
 
-def test_a_restored_gait_passes_the_same_verification(restored):
+def test_a_restored_gait_passes_the_same_verification_and_has_the_same_problem(gait, restored):
     assert verify(restored).passed
-
-
-def test_the_problem_of_a_restored_gait_is_the_same(gait, restored):
     assert restored.problem.digest == gait.problem.digest
     assert restored.problem.text == gait.problem.text
 

@@ -67,19 +67,9 @@ def test_the_lock_and_the_leftovers_of_a_killed_writer_go(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"gait.json", "sweep-1", mine.name}
 
 
-def test_the_same_process_may_hold_a_folder_twice_over(tmp_path):
-    with only_writer(tmp_path), only_writer(tmp_path):
-        pass
-
-
-def test_a_folder_in_which_nothing_was_written_goes(tmp_path):
-    with Run(tmp_path / "run").writing(load_problem(WHEEL)):
-        assert (tmp_path / "run").is_dir()
-    assert not (tmp_path / "run").exists()
-
-
-def test_the_parents_of_a_folder_in_which_nothing_was_written_go_too_unless_they_were_there(tmp_path):
+def test_a_folder_in_which_nothing_was_written_goes_with_its_parents_unless_they_were_there(tmp_path):
     with Run(tmp_path / "results" / "deep" / "run").writing(load_problem(WHEEL)):
+        assert (tmp_path / "results" / "deep" / "run").is_dir()
         (tmp_path / "results" / "other").mkdir()
     assert [path.name for path in tmp_path.rglob("*")] == ["results", "other"]
 

@@ -104,9 +104,6 @@ def test_a_foreign_folder_is_refused_and_left_alone(tmp_path):
     with pytest.raises(StorageError, match="not a run of gaitopt"):
         written(tmp_path)
     assert contents(tmp_path) == {"thesis.tex": b"precious"}
-
-
-def test_a_manifest_of_another_tool_is_foreign(tmp_path):
     (tmp_path / "manifest.json").write_text('{"format": "web app", "schema": 99}')
     with pytest.raises(StorageError, match="not the manifest of a gaitopt run"):
         Run(tmp_path).read_result()
@@ -190,10 +187,11 @@ def test_a_broken_file_that_has_its_checksum_is_named_all_the_same(folder, name,
         reader(name)(Run(folder))
 
 
-def test_rows_missing_from_the_end_of_finished_lines_are_noticed(folder):
-    with Run(folder).appending("jobs.jsonl") as lines:
-        for k in range(3):
+def test_lines_may_grow_after_they_were_finished_and_rows_missing_from_their_end_are_noticed(folder):
+    for k in range(3):
+        with Run(folder).appending("jobs.jsonl") as lines:
             lines.append({"job": k})
+    assert [record["job"] for record in Run(folder).lines("jobs.jsonl")] == [0, 1, 2]
     text = (folder / "jobs.jsonl").read_bytes()
     (folder / "jobs.jsonl").write_bytes(b"".join(text.splitlines(keepends=True)[:-1]))
     with pytest.raises(StorageError, match=r"jobs\.jsonl:3: missing or cut off, 3 lines were written"):
@@ -206,13 +204,6 @@ def test_rows_missing_from_the_end_of_finished_lines_are_noticed(folder):
     (folder / "jobs.jsonl").unlink()
     with pytest.raises(StorageError, match=r"cannot read .*jobs\.jsonl"):
         list(Run(folder).lines("jobs.jsonl"))
-
-
-def test_lines_may_grow_after_they_were_finished(folder):
-    for k in range(3):
-        with Run(folder).appending("jobs.jsonl") as lines:
-            lines.append({"job": k})
-    assert [record["job"] for record in Run(folder).lines("jobs.jsonl")] == [0, 1, 2]
 
 
 @pytest.mark.parametrize("name", ["problem.yaml", "resolved.json", "trajectory.csv"])
@@ -254,24 +245,17 @@ def test_no_name_leads_out_of_the_results(tmp_path, name):
     assert run.holds(*GAIT_FILES)
 
 
-def test_a_folder_is_named_after_problem_and_hash():
+def test_a_folder_is_named_after_problem_and_hash_and_has_no_run_before_it_is_written(tmp_path):
     assert Run.of(SomeProblem()).folder == Path("results") / f"walk-{SomeProblem().digest[:8]}"
-
-
-def test_a_problem_without_a_run_has_none(tmp_path):
     assert not Run.of(SomeProblem(), results=tmp_path / "results").holds(*GAIT_FILES)
 
 
-def test_a_file_in_place_of_the_folder_is_named(tmp_path):
-    (tmp_path / "run").write_text("")
-    with pytest.raises(StorageError, match="Not a directory; choose another") as refused:
-        written(tmp_path / "run")
-    assert refused.value.argument == "output"
-
-
-def test_a_folder_that_cannot_be_made_is_named(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("file", "Not a directory; choose another"), ("file/deeper/run", "file"), ("x" * 300, "File name too long")],
+)
+def test_a_folder_that_cannot_be_made_is_named(tmp_path, name, words):
     (tmp_path / "file").write_text("")
-    with pytest.raises(StorageError, match="file"):
-        written(tmp_path / "file" / "deeper" / "run")
-    with pytest.raises(StorageError, match="File name too long"):
-        written(tmp_path / ("x" * 300))
+    with pytest.raises(StorageError, match=words) as refused:
+        written(tmp_path / name)
+    assert refused.value.argument == "output"

@@ -67,17 +67,11 @@ def test_without_tls_the_same_intruder_runs_code():
     assert words[0] == "ran as 0"
 
 
-def test_every_socket_of_the_workers_speaks_tls_only():
+def test_sockets_of_the_workers_speak_tls_only_and_their_scratch_space_is_private_and_goes_with_them():
     with connected(1, None) as client:
-        addresses = [client.scheduler.address, *client.scheduler_info()["workers"]]
-        addresses += [worker["nanny"] for worker in client.scheduler_info()["workers"].values()]
-    assert len(addresses) == 3
-    assert all(address.startswith("tls://127.0.0.1:") for address in addresses)
-
-
-def test_scratch_space_of_the_workers_is_private_and_goes_with_them():
-    with connected(1, None) as client:
-        (info,) = client.scheduler_info()["workers"].values()
+        ((address, info),) = client.scheduler_info()["workers"].items()
+        for each in (client.scheduler.address, address, info["nanny"]):
+            assert each.startswith("tls://127.0.0.1:")
         worker = Path(info["local_directory"])
         scratch = next(folder for folder in worker.parents if folder.name.startswith("gaitopt-"))
         assert os.name != "posix" or scratch.stat().st_mode & 0o077 == 0
@@ -145,12 +139,9 @@ def test_address_that_cannot_be_one_is_refused_before_anything_is_started(addres
         make_workers(2, address)
 
 
-def test_tls_without_certificates_says_where_they_belong():
+def test_certificates_that_are_missing_or_bad_are_named(tmp_path):
     with pytest.raises(UnknownNameError, match=r"TLS needs certificates; set distributed.comm.tls.ca-file"):
         check_address("tls://127.0.0.1:8786")
-
-
-def test_bad_certificates_are_named(tmp_path):
     (tmp_path / "ca.pem").write_text("no certificate")
     with (
         dask.config.set({f"distributed.comm.tls.{key}": str(tmp_path / "ca.pem") for key in TLS_KEYS}),
@@ -160,22 +151,14 @@ def test_bad_certificates_are_named(tmp_path):
 
 
 def test_certificates_of_the_configuration_are_used_for_an_existing_scheduler(tmp_path):
-    import dask
-
     security = Security.temporary()
     texts = (security.tls_ca_file, security.tls_client_cert, security.tls_client_key)
     for key, text in zip(TLS_KEYS, texts, strict=True):
         (tmp_path / key).write_text(text)
     settings = {f"distributed.comm.tls.{key}": str(tmp_path / key) for key in TLS_KEYS}
+    options = {"protocol": "tls://", "security": security, "silence_logs": logging.CRITICAL}
     with (
-        LocalCluster(
-            n_workers=1,
-            threads_per_worker=1,
-            protocol="tls://",
-            security=security,
-            dashboard_address="127.0.0.1:0",
-            silence_logs=logging.CRITICAL,
-        ) as scheduler,
+        LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", **options) as scheduler,
         dask.config.set(settings),
     ):
         workers = make_workers(None, scheduler.scheduler_address)

@@ -25,10 +25,10 @@ def test_after_the_time_the_results_are_those_that_are_known():
     assert jobs(TimeLimit(seconds=60.0), results=known).complete(square, JOBS, 3) == ["kept", 1, 4]
 
 
-def test_the_caller_stops_jobs_with_an_error_whether_the_time_is_over_or_not():
-    for seconds in (None, 60.0, 0.0):
-        with pytest.raises(KeyboardInterrupt):
-            jobs(TimeLimit(seconds=seconds), lambda: True).complete(square, JOBS, 3)
+@pytest.mark.parametrize("seconds", [None, 60.0, 0.0])
+def test_the_caller_stops_jobs_with_an_error_whether_the_time_is_over_or_not(seconds):
+    with pytest.raises(KeyboardInterrupt):
+        jobs(TimeLimit(seconds=seconds), lambda: True).complete(square, JOBS, 3)
 
 
 def test_a_job_that_the_time_limit_ends_has_no_result():
