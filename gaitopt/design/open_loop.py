@@ -28,29 +28,28 @@ from gaitopt.problem.scalars import ANGLE, CLEARANCE
 from gaitopt.problem.statement import Range
 from gaitopt.solver.collocation import MAX_ITERATIONS, SAMPLES, STRUCTURAL, Collocation, Motion
 from gaitopt.solver.collocation_mesh import INTERVALS, Places
-from gaitopt.solver.collocation_rows import ROOM
+from gaitopt.solver.collocation_rows import SMALLEST_MARGIN
 from gaitopt.solver.first_gait import straight_motion
 from gaitopt.solver.ipopt import Block, IpoptResult, what_limits
 from gaitopt.solver.program import EXTERNAL, LARGEST_RESIDUAL, NonlinearProgram, checked_gait, failed_gait
 from gaitopt.solver.rollout import guessed_motion
 
 MAX_EXCHANGES = 8
-"""Largest number of rounds in which places between the points are added."""
+"""Largest number of rounds in which instants between the points are added."""
 LARGEST_VIOLATION = 1e-6
-"""Violation of a bound by the best value that can be reached, relative to the bound or to one, above which the bound
-cannot be met."""
-VIOLATED_MARGIN = 0.5 * ROOM
-"""Margin between the points, in natural units, below which it becomes a row of the program there too."""
+"""A bound cannot be met if the best value violates it by more than this, relative to the bound or to one."""
+VIOLATED_MARGIN = 0.5 * SMALLEST_MARGIN
+"""A margin that is smaller than this between the points, in natural units, becomes a row of the program there too."""
 SUSPECT_MARGIN = 1e-4
-"""Margin between the points of a gait at which a search begins, in natural units, below which it is a row from the
-beginning. This saves rounds."""
+"""A margin that is smaller than this between the points of the first motion, in natural units, is a row from the
+beginning, which saves rounds."""
 BESIDE = 2
 """Number of samples on either side of a violated margin that become rows too, because the smallest margin moves."""
 MESHES = (INTERVALS, 2 * INTERVALS, 4 * INTERVALS)
 """Smallest numbers of intervals, tried in turn: on long intervals fast motions differ from polynomials by more than
-``ROOM``."""
+``SMALLEST_MARGIN``."""
 SMALLEST_MULTIPLIER = 0.05
-"""A condition is in the way of another one if its multiplier, relative to the largest one, exceeds this."""
+"""A condition conflicts with another one if its multiplier, relative to the largest one, exceeds this."""
 RELATIONS = {1.0: "<=", -1.0: ">="}
 UNBOUNDED = Range(minimum=-np.inf, maximum=np.inf)
 """The range of a scalar without a constraint."""

@@ -257,10 +257,10 @@ class SmoothedProblem:
             self._radius = zero_dynamics_radius(equations, w, p) or certified_radius(equations)
         slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
 
-        # the gait, and margins; those at whose zero rounding would decide must exceed it
+        # rows of the gait, then margins; a margin at whose zero rounding would decide must exceed a clearance
         margins, labels = equations.inequalities
         scales = Dynamics(equations.system, p).scales
-        least = np.array([clearance(label.name) * label.size(scales) for label in labels])
+        clearances = np.array([clearance(label.name) * label.size(scales) for label in labels])
         blocks = [
             Block(
                 name="gait",
@@ -270,7 +270,7 @@ class SmoothedProblem:
                 labels=equations.equality_labels,
                 slope=equation_slope(equations),
             ),
-            Block(name="margins", expression=margins, lower=least, labels=labels),
+            Block(name="margins", expression=margins, lower=clearances, labels=labels),
         ]
 
         invariant, labels = invariance(equations), invariance_labels(equations.system)
@@ -413,8 +413,8 @@ class SmoothedProblem:
     def _state_sizes(self, w: Array, p: Array) -> Array:
         """Typical sizes of the states: the largest value of those with the same unit, shape (n_z,).
 
-        That of x is the length of the cycle, which is the least size of other lengths too. Velocities are not below the
-        speed of the walker.
+        The size of x is the length of the cycle. Sizes of other lengths are no smaller than this, and sizes of
+        velocities no smaller than the speed of the walker.
         """
         t, scales = self.equations, Dynamics(self.equations.system, p).scales
         nodes, durations, _ = t.unpack(w)
@@ -422,12 +422,12 @@ class SmoothedProblem:
         units = np.array([label.unit for label in t.unknown_labels[: largest.size]])
         length = abs(float(Function("length", [t.w, t.parameters], [self._scalars.distance])(w, p)))
         length = max(length, SMALL * scales.length)
-        least = {"m": length, "m/s": length / durations.sum()}
+        smallest = {"m": length, "m/s": length / durations.sum()}
         sizes = np.empty(largest.size)
         for unit in dict.fromkeys(units.tolist()):
             alike = units == unit
             alike[x] = False
-            sizes[units == unit] = max(largest[alike].max(initial=0.0), least.get(unit, SMALL))
+            sizes[units == unit] = max(largest[alike].max(initial=0.0), smallest.get(unit, SMALL))
         sizes[x] = length
         return sizes
 

@@ -26,7 +26,7 @@ from gaitopt.verification.step_map import StepMap
 MOST_TRANSIENTS = 4
 """Largest number of transients that a walk may need until it repeats itself; near a bifurcation it settles slowly."""
 AVERAGED_CYCLES = 400
-"""The exponent of a motion without a period is averaged over at least this many cycles, to some hundredths."""
+"""Smallest number of cycles over which the exponent of a motion without a period is averaged, to some hundredths."""
 REPEAT_DISTANCE, SAME_DISTANCE = 1e-6, 1e-3
 """Largest distances, in natural units, between states of one walk that count as repeated, and between states of two
 walks that count as equal."""
@@ -54,7 +54,7 @@ class Attractor(ReadOnlyArrays):
 def settled(
     mapped: StepMap, xi: Array, *, transient: int, keep: int, should_stop: Stop = None
 ) -> tuple[list[Attractor], dict[str, int]]:
-    """The attractors of walks from given states, and how many of the other walks have which ending.
+    """The attractors of walks from given states, and the numbers of the other walks by their ending.
 
     Parameters
     ----------

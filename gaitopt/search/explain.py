@@ -305,10 +305,10 @@ def nearest_begin(
     within: float = np.inf,
     should_stop: Stop = None,
 ) -> Nearest | None:
-    """The nearest value of a parameter at which a family of some gaits changes to a mode sequence, or None.
+    """The nearest value of a parameter at which the family of one of the gaits changes to a mode sequence, or None.
 
-    The families of all gaits towards all bounds are followed together, and the one that has come least far takes the
-    next step. When one reaches the mode sequence, no other family can reach it at a nearer value.
+    All families are followed towards all bounds together: the one whose value is nearest to the start takes the next
+    step. When one reaches the mode sequence, no other family can reach it at a nearer value.
 
     Parameters
     ----------

@@ -4,12 +4,12 @@
 
 The law is one of three. Under **virtual constraints** the joints with motors follow curves over a phase of the posture,
 which are invariant under the impact: what is left of the motion has one degree of freedom, and its multiplier is
-delta^2 of the zero dynamics. This asks for one motor less than shape coordinates. Under **PD control** the joints track
-curves over the clock or over a phase; the gains are raised until the spectral radius is below its bound. **Feedback
-from step to step** keeps the law of the gait and corrects its parameters once per step.
+delta^2 of the zero dynamics. The walker must have one motor less than shape coordinates. Under **PD control** the
+joints track curves over the clock or over a phase; the gains are raised until the spectral radius is below its bound.
+**Feedback from step to step** keeps the law of the gait and corrects its parameters once per step.
 
 The curves come from a quadratic program along the motion of the gait, see ``gaitopt.search.joint_curves``. Their degree
-is the least one at which they fit, or the one that is asked for.
+is the smallest one at which they fit, or the requested one.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -46,18 +46,18 @@ from gaitopt.systems import solve_sequence
 from gaitopt.verification.verify import verify
 
 CLOSE = 0.25
-"""Curves repeat a gait closely if their additional torques, relative to those of the gait, are below this number."""
+"""Curves repeat a gait closely if their additional torques are a smaller fraction of its own torques."""
 VIOLATED = 1e-6
 """Largest violation of the cone, relative to the weight, that is attributed to rounding in the quadratic program."""
 MOST_DEGREE = 12
-"""Largest degree of an invariant curve; with more control points it would be as hard to read as a table."""
+"""Largest degree of an invariant curve: more control points would be as hard to read as a table."""
 PD_DEGREES = (14, 18, 10)
 """Degrees of the curves of a PD law, tried in this order until the law has a gait. The errors of the curves times the
 gains are torques, which may violate the friction cone."""
 NO_TORQUE = 1e-9
-"""A motor does nothing if its torque, relative to the weight times the length, stays below this number."""
+"""A motor is idle if its torque stays below this number, relative to the weight times the length."""
 MONOTONE = 0.02
-"""A phase is monotone if its least rate, relative to the mean rate, exceeds this number."""
+"""A phase is monotone if its smallest rate, relative to the mean rate, exceeds this number."""
 SETTLING = 5.0
 """Decay of the outputs during one step: errors shrink by exp(-5) (1 + 5) = 4 %."""
 MULTIPLES = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
@@ -65,13 +65,13 @@ MULTIPLES = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
 MOST_FAILURES = 3
 """The search ends after this number of laws without a gait in a row: higher gains or degrees do not help then."""
 STALLS = 0.99
-"""The gains are raised only while each raise reduces the spectral radius to this part of the previous one, or less."""
+"""The gains are raised only while each raise multiplies the spectral radius by this factor or a smaller one."""
 AROUND = 0.5
-"""Largest distance of the control points of a design from those of the curves with which it starts [rad, or m]."""
+"""Largest distance between the control points of a design and those at its start [rad, or m]."""
 DESIGN_DEGREE = 6
 """Largest degree of the curves of a design, which has an unknown per control point."""
 INSIDE = 0.95
-"""A design keeps the spectral radius below this part of the requested bound, so that the solved gait meets it."""
+"""A design keeps the spectral radius below this fraction of the requested bound, so that the solved gait meets it."""
 COMPARED = 101
 """Number of instants at which two motions are compared."""
 Candidate = tuple[dict[str, Any], FittedCurves | None, Joints | None, str, Gait]
@@ -79,7 +79,7 @@ Candidate = tuple[dict[str, Any], FittedCurves | None, Joints | None, str, Gait]
 LQR_WEIGHTS = (1.0, 1e-2, 1e-4)
 """Weights of the corrected parameters, tried in this order until the spectral radius is below its bound."""
 MOST_GAINS = 40
-"""Largest number of gains for which the least spectral radius is searched."""
+"""Largest number of gains for which the smallest spectral radius is searched."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +95,7 @@ class Stabilised(Tabulated):
     least_rate : smallest rate of the phase along the given gait, relative to its mean; None without a phase.
     fitted : the curves, and how closely they repeat the gait; None under feedback from step to step.
     distance : largest difference of a shape coordinate between both gaits, at equal fractions of the step [rad, or m].
-    invariance : largest output, or rate of one, just after the impact [rad, rad/s]; None under PD control.
+    invariance : largest output [rad], or rate of an output [rad/s], just after the impact; None under PD control.
     bound : upper bound of the spectral radius that was asked for.
     attempts : the laws that were tried, in order, and why each was rejected.
     """
@@ -268,7 +268,7 @@ class _Search:
 def _designed(candidate: "Candidate", gait: Gait, bound: float, should_stop: Stop) -> tuple["Candidate | None", str]:
     """Curves that a design finds next to those of a candidate, and words about it; None if it finds none.
 
-    They are invariant and have the least squared torques at the speed of the gait, within the bound on the spectral
+    They are invariant and have the smallest squared torques at the speed of the gait, within the bound on the spectral
     radius, the efforts and, of a gait that sticks, the friction cone.
     """
     control, fitted, joints, phase, _ = candidate

@@ -45,7 +45,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS, state_unit, unit_of
 from gaitopt.solver.collocation_elements import POWER, SLIP, Goals
 from gaitopt.solver.collocation_mesh import DEGREE, INTERVALS, Places, Point, basis, mesh_at
-from gaitopt.solver.collocation_rows import DURATION, EVENT, ROOM, Structure, transcription
+from gaitopt.solver.collocation_rows import DURATION, EVENT, SMALLEST_MARGIN, Structure, transcription
 from gaitopt.solver.diagnosis import vanishing_phase
 from gaitopt.solver.ipopt import Block, Ipopt, IpoptResult, Program
 from gaitopt.solver.mesh import mesh_of
@@ -471,9 +471,9 @@ class Collocation:
         for row, name in enumerate(self.goals.paths, start=len(names)):
             span = self.problem.constraints[name]
             low, high = (0.0, np.inf) if name == CLEARANCE else (span.minimum, span.maximum)
-            slack = np.minimum(slack, np.minimum(values[row] - low, high - values[row]) + ROOM)
+            slack = np.minimum(slack, np.minimum(values[row] - low, high - values[row]) + SMALLEST_MARGIN)
         extra = values[len(names) + len(self.goals.paths) :]
-        return np.minimum(slack, extra.min(axis=0) + ROOM) if extra.size else slack
+        return np.minimum(slack, extra.min(axis=0) + SMALLEST_MARGIN) if extra.size else slack
 
     def active(self, multipliers: Array, bound_multipliers: Array) -> list[tuple[str, float]]:
         """Names of rows and bounds with the sizes of their multipliers, relative to the largest one; largest first.
@@ -485,7 +485,7 @@ class Collocation:
         for name, at, value, limit in zip(self.row_names, self.row_places, multipliers.tolist(), limits, strict=True):
             if name not in STRUCTURAL:
                 is_margin = at.mode is not None and name not in self.problem.constraints
-                unit = abs(limit) / (ROOM if is_margin else 1.0) or 1.0
+                unit = abs(limit) / (SMALLEST_MARGIN if is_margin else 1.0) or 1.0
                 sums[name] = sums.get(name, 0.0) + abs(value) * (unit if np.isfinite(unit) else 1.0)
         lower, upper = (each[self.slices["values"]] for each in self.bounds())
         pressed = bound_multipliers[self.slices["values"]]
@@ -506,9 +506,9 @@ class Collocation:
         g = self._rows(x) if rows is None else np.asarray(rows(x, self.dynamics.p)).ravel()
         violation = np.maximum(self.lbg - g, g - self.ubg)
         beyond = np.where([name in STRUCTURAL for name in self.row_names], 0.0, violation)
-        k = int(np.argmax(beyond if np.max(beyond) > ROOM else violation))
+        k = int(np.argmax(beyond if np.max(beyond) > SMALLEST_MARGIN else violation))
         name, bound = self.row_names[k], float(np.clip(g[k], self.lbg[k], self.ubg[k]))
-        if not violation[k] > ROOM:
+        if not violation[k] > SMALLEST_MARGIN:
             return []
         if self.row_places[k].mode is not None and name not in self.problem.constraints:
             bound = 0.0  # without the room for the error of the collocation

@@ -61,7 +61,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CollocationMesh:
-    """What determines the points of a cycle: equal meshes have equal programs.
+    """All that determines the points of a cycle; equal meshes have equal programs.
 
     Attributes
     ----------

@@ -41,21 +41,22 @@ from gaitopt.solver.ipopt import Ipopt, Program
 from gaitopt.solver.shooting import Label
 from gaitopt.threads import cached_property
 
-ROOM = 1e-7
-"""Smallest value of margins in natural units: larger than the error of the collocation, smaller than anything that is
-measured."""
+SMALLEST_MARGIN = 1e-7
+"""Smallest value of margins in natural units: larger than the error of the collocation, but too small to matter in a
+measurement."""
 EVENT, DURATION = "event", "duration of the law"
+"""Names of the rows that end phases, and of the row that gives the control law its duration."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Structure:
-    """What determines a program: problems with an equal structure share it.
+    """All that determines a program; problems with an equal structure share it.
 
     Attributes
     ----------
     system, mesh, goals : system, points and scalars of the program.
     free : dotted keys of the freed parameters.
-    scales : natural units, in which margins are at least ``ROOM``.
+    scales : natural units, in which margins are no smaller than ``SMALLEST_MARGIN``.
     timed : whether the duration of the law is an unknown of its own.
     """
 
@@ -68,7 +69,7 @@ class Structure:
 
 
 _Limits: TypeAlias = list[tuple[int, str, float, float]]
-"""Number, name, and lower and upper bound of the rows of each group."""
+"""For each group of rows their number, their name, and their lower and upper bound."""
 
 
 class _Rows:
@@ -76,7 +77,7 @@ class _Rows:
 
     def __init__(self) -> None:
         self.lower, self.upper, self.names = list[float](), list[float](), list[str]()
-        self.at, self.places = Label(name=""), list[Label]()  # phase and node of the next rows, and of all rows
+        self.at, self.places = Label(name=""), list[Label]()  # label of the next rows, and labels of all rows
         self._entries = list[tuple[Array, ...]]()
 
     def new(self, count: int, name: str, low: float = 0.0, high: float = 0.0) -> list[int]:
@@ -101,7 +102,7 @@ class _Rows:
 
 
 class Transcription:
-    """The program of one structure; use ``transcription``, which keeps it.
+    """The program of one structure. Call ``transcription``, which builds it once.
 
     Attributes
     ----------
@@ -233,7 +234,7 @@ class Transcription:
             return 0.0, 0.0
         if margin(name).rises or table.is_zero_by_event(cycle, phase, name, starts=starts, ends=ends):
             return -np.inf, np.inf
-        return ROOM * margin_unit(name, self.structure.scales), np.inf
+        return SMALLEST_MARGIN * margin_unit(name, self.structure.scales), np.inf
 
     # ---- the rows
 
@@ -257,9 +258,9 @@ class Transcription:
                 rows.linear(rows.new(1, EVENT, clock, clock)[0], self.columns("durations"), 1.0)
                 rows.at = Label(name="")
         for name in goals.constrained:
-            own = self.column_of(name)
-            if own is not None:
-                rows.linear(rows.new(1, name, -np.inf, np.inf)[0], own, 1.0)
+            column = self.column_of(name)
+            if column is not None:
+                rows.linear(rows.new(1, name, -np.inf, np.inf)[0], column, 1.0)
         if self.structure.timed:
             period = rows.new(1, DURATION)
             rows.linear(period, self.columns("durations"), 1.0)

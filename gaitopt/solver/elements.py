@@ -54,10 +54,14 @@ class AssembledProgram:
 
 @built_once(maxsize=256)
 def _derivatives(function: Function) -> tuple[Function | None, Function, Function, Sparsity, Sparsity]:
-    """Derivatives of an element, and the patterns of the last two.
+    """Derivatives of an element.
 
-    They are (y, c, p) -> gradient of f, None if f is zero as in most elements; (y, c, p) -> entries of the Jacobian of
-    g; (y, c, p, w, l) -> entries of the Hessian.
+    Returns
+    -------
+    slope : (y, c, p) -> gradient of f; None if f is zero, as in most elements.
+    first : (y, c, p) -> nonzero entries of the Jacobian of g.
+    second : (y, c, p, w, l) -> nonzero entries of the Hessian.
+    patterns : sparsities of the Jacobian and of the Hessian.
     """
     y, c, p = (SX.sym(name, function.size1_in(k)) for k, name in enumerate("ycp"))
     f, g = function(y, c, p)

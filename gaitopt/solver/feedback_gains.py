@@ -32,7 +32,7 @@ NEGLIGIBLE = 1e-9
 NILPOTENT = 1e-6
 """Largest entry of (A + B K)^n, relative to that of A, that is attributed to rounding."""
 STARTS, SEED = 24, 1
-"""Number of starting gains that the search for the least radius compares, and its random seed."""
+"""Number of starting gains that the search for the smallest radius compares, and its random seed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,7 +112,7 @@ def designed_gains(name: str, map_: ReturnMapDerivatives, units: Array, design: 
     scale = np.diag(units)
     A, B = np.asarray(np.linalg.solve(scale, map_.A @ scale), dtype=float), map_.B / units[:, None]
     if design.minimum_radius is not None:
-        return least_radius_gains(map_.A, map_.B, units, design.minimum_radius)
+        return smallest_radius_gains(map_.A, map_.B, units, design.minimum_radius)
     return deadbeat_gains(name, A, B) / units
 
 
@@ -165,7 +165,7 @@ def deadbeat_gains(name: str, A: Array, B: Array) -> Array:
     return K
 
 
-def least_radius_gains(A: Array, B: Array, units: Array, design: MinimumRadius) -> Array:
+def smallest_radius_gains(A: Array, B: Array, units: Array, design: MinimumRadius) -> Array:
     """Gains with a small spectral radius, |K_ij| <= max_gain: the best of seeded local searches."""
     from scipy.optimize import minimize
 
@@ -197,7 +197,7 @@ def least_radius_gains(A: Array, B: Array, units: Array, design: MinimumRadius) 
 
 
 def _fixed_multiplier(A: Array, B: Array) -> complex | float:
-    """The largest multiplier lambda that no input moves, that is, at which (A - lambda, B) loses rank."""
+    """The largest multiplier that no input changes: a value lambda at which (A - lambda, B) loses rank."""
     n, size = len(A), np.linalg.norm(np.hstack([A, B]), 2)
     values = np.linalg.eigvals(A)
     lost = [np.linalg.svd(np.hstack([A - v * np.eye(n), B]), compute_uv=False)[-1] for v in values]

@@ -1,8 +1,8 @@
 """Many walks, each on a floor of its own; heyoka advances them in batches, scipy one after the other.
 
 The floors of m walks are arrays of friction, height and slope with a row per walk and a column per tile; the last tile
-repeats, and friction may have a third axis for its static and its kinetic coefficient. From the tile on where all
-floors are nominal, the nominal system is simulated, which takes less time.
+repeats, and friction may have a third axis for its static and its kinetic coefficient. Once all floors are nominal from
+a tile on, the nominal system is simulated there, because it takes less time.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,8 +24,8 @@ from gaitopt.simulation.simulator import Simulator, stepper_class
 
 Rows = NDArray[np.intp]
 Floors = Mapping[str, Array]
-"""Friction, height and slope of the tiles of m walks by name, shape (m, tiles) each, or friction (m, tiles, 2); a
-missing one is nominal."""
+"""Friction, height and slope of the tiles of m walks by name, shape (m, tiles) each, or (m, tiles, 2) for friction. A
+quantity that is left out is nominal."""
 
 
 def repeated(floor: Floor, walks: int) -> Floors:
@@ -59,8 +59,8 @@ class TiledWalks:
     Attributes
     ----------
     states : ndarray, shape (m, n_z) - the latest states of the walks.
-    walking : indices of the walks that go on.
-    steps : number of steps that each of these has completed.
+    walking : indices of the walks that have not ended.
+    steps : number of steps that each of these walks has completed.
     in_batches : whether heyoka advances them together.
 
     Raises
@@ -83,7 +83,7 @@ class TiledWalks:
             self._one_by_one = [self._walk(state, row, stepper_class(engine)) for row, state in enumerate(states)]
 
     def step(self) -> tuple[Rows, StepOutcomes]:
-        """Advance the walks that go on by one step; return their indices and how their steps ended."""
+        """Advance the walks that have not ended by one step; return their indices and how their steps ended."""
         rows = self.walking
         if self.in_batches:
             if not self.steps % self._dynamics.steps_per_cycle:
@@ -100,7 +100,7 @@ class TiledWalks:
 
         Parameters
         ----------
-        rows : indices of the walks that go on; the others end. All go on by default.
+        rows : indices of the walks to be advanced; the others end. By default all are advanced.
         """
         if rows is not None:
             self.leave(np.setdiff1d(self.walking, rows))
@@ -194,10 +194,10 @@ class _Batches:
         return {name: values[rows, min(n, values.shape[1] - 1)] for name, values in self._floors.items()}
 
     def _last_special(self) -> float:
-        """Number of the last step that needs the system on tiles; infinite if all do, -1 if none does.
+        """Number of the last step that needs the system on tiles; infinite if all steps need it, -1 if none does.
 
-        Such a step begins or ends on a tile that is not nominal, or begins on a tile of another height than the one
-        before it.
+        A step needs it if it begins or ends on a tile that is not nominal, or begins on a tile whose height differs
+        from that of the tile before it.
         """
         special = np.zeros(self._tiles, dtype=bool)
         for name, values in self._floors.items():
@@ -214,7 +214,7 @@ class _Batches:
 def returning(
     gait: Gait, states: Array, floors: Floors | None, engine: Engine, *, steps: int, distance: float
 ) -> NDArray[np.bool_]:
-    """Whether each walk returns to a gait, that is, whether its section coordinates become those of the gait.
+    """Whether each walk returns to a gait: its section coordinates come close to those of the gait.
 
     Parameters
     ----------
