@@ -1,7 +1,7 @@
 """Bounds on the multipliers of a gait under open-loop torques, as rows of its collocation program.
 
 With the duration T of the law fixed, the collocation equations F in the states and the durations of the phases give the
-derivative M of the return map, as in ``spectral_radius``:
+derivative M of the return map, as in ``solver.return_map``:
 
     A V = B,      M = R V_K             A = dF/d(states, durations) without the last impact, R that of the impact
 
@@ -16,6 +16,7 @@ differences.
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ from gaitopt.model.buffered import BufferedFunction, NumericFunction
 from gaitopt.model.modes import Mode
 from gaitopt.solver.collocation import Collocation
 from gaitopt.solver.collocation_rows import DURATION
+from gaitopt.solver.return_map import OpenedCycle
 
 DIFFERENCE = 1e-5
 """Step of the differences for the curvature, in the unknown that changes most."""
@@ -82,21 +84,14 @@ class ReturnMap:
         """
         A = self._jacobian_at(x, p)[self._rows][:, self._columns].tocoo()
         impact = np.isin(A.row, self._closing) & np.isin(A.col, self._last)
-        R = np.zeros((self._rows.size, self._columns.size))[: self._last.size, : self._last.size]
+        R = np.zeros((self._closing.size, self._last.size))
         R[np.searchsorted(self._closing, A.row[impact]), np.searchsorted(self._last, A.col[impact])] = -A.data[impact]
-        R = R[self.section.indices]
         A.data[impact] = 0.0
         factors = splu(A.tocsc())
-        right = np.zeros((self._rows.size, self.section.indices.size))
-        right[self._closing] = self.section.tangent(x[self._first], self._parameters(x, p))
-        V = factors.solve(right)
-
-        def adjoint(weights: Array) -> Array:
-            end = np.zeros_like(right)
-            end[self._last] = R.T @ weights
-            return np.asarray(factors.solve(end, trans="T"))
-
-        return V, R @ V[self._last], adjoint
+        transposed, reset = partial(factors.solve, trans="T"), R[self.section.indices]
+        opened = OpenedCycle(factors.solve, transposed, reset, self._closing, self._last, self._rows.size)
+        V, M = opened.response(self.section.tangent(x[self._first], self._parameters(x, p)))
+        return V, M, opened.adjoint
 
     def gradient(self, x: Array, p: Array, V: Array, adjoint: Array, G: Array) -> Array:
         """Gradient of <G, M>, shape (n_x,); ``adjoint`` is that of the weights G."""

@@ -15,9 +15,11 @@ Taylor coefficients of the map follow order by order from those of F, with the f
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from casadi import MX, Function, dot, gradient, jtimes, vertcat
+from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.building import BUILT, built_once
@@ -26,6 +28,38 @@ from gaitopt.solver.jets import Jets, second_derivatives
 from gaitopt.solver.shooting import MultipleShooting
 from gaitopt.solver.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.threads import cached_property
+
+
+class OpenedCycle(NamedTuple):
+    """A cycle opened at its last reset, by any equations.
+
+    Attributes
+    ----------
+    solve, solve_transposed : right-hand sides (n, k) -> solutions of A x = b and of A' x = b.
+    reset : R, or those of its rows that are of interest, shape (m, n_z).
+    rows, last : the rows of the last reset, and the columns of the last state, n_z each.
+    n : number of equations.
+    """
+
+    solve: Callable[[Array], Array]
+    solve_transposed: Callable[[Array], Array]
+    reset: Array
+    rows: slice | NDArray[np.intp]
+    last: slice | NDArray[np.intp]
+    n: int
+
+    def response(self, deviations: Array) -> tuple[Array, Array]:
+        """Response V (n, k) to deviations (n_z, k) of the first state, and the state that returns, (m, k)."""
+        right = np.zeros((self.n, deviations.shape[1]))
+        right[self.rows] = deviations
+        response = self.solve(right)
+        return response, self.reset @ response[self.last]
+
+    def adjoint(self, weights: Array) -> Array:
+        """Weights (n, k) of the equations of V from weights (m, k) of the state that returns."""
+        end = np.zeros((self.n, weights.shape[1]))
+        end[self.last] = self.reset.T @ weights
+        return self.solve_transposed(end)
 
 
 class MapDerivatives:
@@ -55,34 +89,19 @@ class MapDerivatives:
         self._units = self._dynamics.state_units
 
     @cached_property
-    def _opened(self) -> tuple[ScaledMatrix, Array]:
-        """The matrices A and R; R has the shape (n_z, n_z)."""
+    def _opened(self) -> OpenedCycle:
         square = self._jacobian.leading(self._n)
         first, pattern = self._n - self._n_z, square.pattern
         reset = -square.dense(self._last.start, self._last.stop)[first:]
         columns, data = slice(*pattern.pointers[[self._last.start, self._last.stop]]), square.data.copy()
         data[columns][pattern.rows[columns] >= first] = 0.0
-        return self._scaled(SparseMatrix(pattern=pattern, data=data)), reset
-
-    def _response(self, deviations: Array) -> tuple[Array, Array]:
-        """Response V (n, k) to deviations (n_z, k) of the first state, and the deviations (n_z, k) that return."""
-        opened, reset = self._opened
-        right = np.zeros((self._n, deviations.shape[1]))
-        right[self._n - self._n_z :] = deviations
-        response = opened.solve(right)
-        return response, reset @ response[self._last]
-
-    def _adjoint(self, weights: Array) -> Array:
-        """The adjoint Lambda (n, k) for weights (n_z, k) of the deviation that returns."""
-        opened, reset = self._opened
-        end = np.zeros((self._n, weights.shape[1]))
-        end[self._last] = reset.T @ weights
-        return opened.solve_transposed(end)
+        A = self._scaled(SparseMatrix(pattern=pattern, data=data))
+        return OpenedCycle(A.solve, A.solve_transposed, reset, slice(first, self._n), self._last, self._n)
 
     @cached_property
     def _on_section(self) -> tuple[Array, Array]:
         """The response to a deviation of every section coordinate, and the derivative of the map in these."""
-        response, returned = self._response(self._section.tangent(self._w[: self._n_z], self._dynamics.p))
+        response, returned = self._opened.response(self._section.tangent(self._w[: self._n_z], self._dynamics.p))
         return response, returned[self._section.indices]
 
     @property
@@ -97,7 +116,7 @@ class MapDerivatives:
         The parameters act during the whole cycle: on the state that the section coordinates determine, along the
         motion, and in the last reset.
         """
-        (opened, reset), first = self._opened, self._n - self._n_z
+        opened, first = self._opened, self._n - self._n_z
         by_free = self._jacobian.dense(self._n, self._w.size)
         by_lift = self._section.by_parameters(self._w[: self._n_z], self._dynamics.p)
         numbers = {name: k for k, name in enumerate(self._equations.system.parameters)}
@@ -106,14 +125,14 @@ class MapDerivatives:
         for column, name in enumerate(self._equations.free):
             if numbers[name] < by_lift.shape[1]:
                 right[first:, column] = by_lift[:, numbers[name]]
-        returned = reset @ opened.solve(right)[self._last] - by_free[first:]
+        returned = opened.reset @ opened.solve(right)[self._last] - by_free[first:]
         return np.asarray(returned[self._section.indices])
 
     def gradient(self, weights: Array) -> Array:
         """Gradient of <weights, ``by_section``> by all unknowns, shape (n_w,); w need not solve the equations."""
         every = np.zeros((self._n_z, weights.shape[1]))
         every[self._section.indices] = weights
-        matrices = (matrix.ravel(order="F") for matrix in (self._on_section[0], self._adjoint(every), weights))
+        matrices = (matrix.ravel(order="F") for matrix in (self._on_section[0], self._opened.adjoint(every), weights))
         return _gradient(self._equations)(self._w, self._p, *matrices)[0].copy()
 
     @cached_property
@@ -122,7 +141,7 @@ class MapDerivatives:
 
         The last reset leads back to the section, so that deviations off the section have multipliers of zero.
         """
-        response, returned = self._response(np.eye(self._n_z))
+        response, returned = self._opened.response(np.eye(self._n_z))
         return response * self._units, returned * self._units / self._units[:, None]
 
     @property
@@ -140,7 +159,7 @@ class MapDerivatives:
         """
         m, count = len(directions), left.shape[1]
         weights = left / self._units[:, None]
-        adjoint = self._adjoint(weights)
+        adjoint = self._opened.adjoint(weights)
         adjoint[-self._n_z :] = weights
         u = np.zeros((count, self._w.size))
         u[:, : self._n] = (self._everywhere[0] @ right).T
@@ -150,7 +169,7 @@ class MapDerivatives:
 
     def taylor(self, directions: Array, highest: int) -> Array:
         """Taylor coefficients along directions (m, n_z) up to an order, shape (highest, m, n_z), in natural units."""
-        opened, reset = self._opened
+        opened = self._opened
         m, returned = len(directions), list[Array]()
         curves = np.zeros((highest + 1, m, self._w.size))
         curves[0] = self._w
@@ -162,7 +181,7 @@ class MapDerivatives:
             right[-self._n_z :] = (directions * self._units).T if order == 1 else 0.0
             curves[order, :, : self._n] = opened.solve(right).T
             # the last rows are z_0 less the reset
-            returned.append((curves[order][:, self._last] @ reset.T - known[:, -self._n_z :]) / self._units)
+            returned.append((curves[order][:, self._last] @ opened.reset.T - known[:, -self._n_z :]) / self._units)
         return np.array(returned)
 
 
