@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gaitopt import problem_schema
-from gaitopt.model.units import LARGEST, SMALLEST
+from gaitopt.model.units import LARGEST_SIZE, SMALLEST_SIZE
 
 MODES = ("stick", "slip_forward", "slip_backward", "flight")
 LIMITS = ("minimum", "maximum")
@@ -207,12 +207,12 @@ def _range(value: Mapping[str, Any], stated: Sequence[str]) -> str:
     """The range of a number: that of the description in natural units, or the limits of the schema."""
     limits, inner = dict[str, float](), [value]
     for entry in inner:  # grows by the alternatives, and the values of lists and mappings
-        limits |= {key: entry[key] for key in LIMITS if abs(entry.get(key, LARGEST)) != LARGEST}
+        limits |= {key: entry[key] for key in LIMITS if abs(entry.get(key, LARGEST_SIZE)) != LARGEST_SIZE}
         below = (entry.get(key) for key in ("items", "additionalProperties"))
         inner += [*entry.get("anyOf", ()), *(found for found in below if isinstance(found, dict))]
     least, most = (limits.get(key) for key in LIMITS)
     possible = [part.removeprefix("from ") for part in stated if not part.startswith("usually")]
-    if least == SMALLEST:
+    if least == SMALLEST_SIZE:
         upper = possible[0].removeprefix("0 to ") if possible else "" if most is None else f"{most:.6g}"
         words = f"more than 0{f', at most {upper}' if upper else ''}"
     elif possible:

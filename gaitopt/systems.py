@@ -142,7 +142,7 @@ def _open_loop_gait(problem: Problem, start: Gait | None, progress: Valued, shou
     return gait
 
 
-def problem_program(problem: Problem, *, should_stop: Stop = None) -> NonlinearProgram:
+def problem_program(problem: Problem) -> NonlinearProgram:
     """The nonlinear program of a problem whose mode sequence is given, see ``gaitopt.nlp``.
 
     Raises
@@ -160,13 +160,13 @@ def problem_program(problem: Problem, *, should_stop: Stop = None) -> NonlinearP
         from gaitopt.design.open_loop import open_loop_program
 
         return open_loop_program(problem, build_system(problem), build_system)
-    system = build_system(problem, should_stop=should_stop)
+    system = build_system(problem)
     if not free_parameters(problem, system):
         dynamics = Dynamics(system, system.values(problem.parameters))
         return feasibility(problem, guessed_motion(problem, dynamics).on_mesh())
     from gaitopt.design.design import design_program
 
-    return design_program(problem, system, solve_gait(problem, system, should_stop=should_stop))
+    return design_program(problem, system, solve_gait(problem, system))
 
 
 def gait_curve(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str]) -> Curve:

@@ -42,7 +42,7 @@ from gaitopt.model.lagrangian import equations_of_motion, inertia
 from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import Body
 from gaitopt.model.section import stated_lift
-from gaitopt.model.units import LARGEST, Scales
+from gaitopt.model.units import LARGEST_SIZE, Scales
 from gaitopt.model.walker import Walker
 
 CHECKED_TOUCHDOWNS = 4
@@ -100,8 +100,8 @@ def check_walker(walker: type[Walker] | Walker, parameters: Mapping[str, float] 
         value = values.get(name)
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ProblemError(f"{model.__name__}: the parameter {name} is {shown(value)}, but must be a number")
-        if not -LARGEST <= value <= LARGEST:
-            words = f"{shown(value)}, but must be a number of at most {LARGEST:g} in size"
+        if not -LARGEST_SIZE <= value <= LARGEST_SIZE:
+            words = f"{shown(value)}, but must be a number of at most {LARGEST_SIZE:g} in size"
             raise ProblemError(f"{model.__name__}: the parameter {name} is {words}")
     with calling(model, "its equations"):
         reason = _fault(model, tuple(float(values[name]) for name in model.model_fields))

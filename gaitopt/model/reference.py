@@ -30,7 +30,7 @@ from pydantic import (
 
 from gaitopt.model.curve import BeyondEnd, Curve, bezier_curve, keys
 from gaitopt.model.table import LARGEST_POINT, Table, table_curve
-from gaitopt.model.units import DURATION, SMALLEST, Angle, Duration, Within, parse_angle, unknown_faults
+from gaitopt.model.units import DURATION, SMALLEST_SIZE, Angle, Duration, Within, parse_angle, unknown_faults
 from gaitopt.model.walker import WalkerType
 
 Path = tuple[str | int, ...]
@@ -607,7 +607,7 @@ class CurveSpec(BaseModel):
     within: Annotated[
         Angle,
         Field(
-            ge=SMALLEST,
+            ge=SMALLEST_SIZE,
             le=pi,
             description="largest size of the control points, which bounds the angles [rad]",
         ),

@@ -250,22 +250,22 @@ def parse_angle(value: object) -> object:
     return float(match[1]) * ANGLE_UNITS[match[2]]
 
 
-SMALLEST, LARGEST = 1e-30, 1e30
+SMALLEST_SIZE, LARGEST_SIZE = 1e-30, 1e30
 """Bounds of masses, lengths and forces, within which their products neither vanish nor overflow in any units."""
 STEEPEST = math.radians(80)
 """Steepest slope [rad]. Steady walking needs the friction tan(slope), which is nearly 6 there."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 """A number whose range depends on the walker."""
-Number = Annotated[Finite, Field(ge=-LARGEST, le=LARGEST)]
+Number = Annotated[Finite, Field(ge=-LARGEST_SIZE, le=LARGEST_SIZE)]
 """A finite number."""
-Positive = Annotated[Number, Field(ge=SMALLEST)]
+Positive = Annotated[Number, Field(ge=SMALLEST_SIZE)]
 """A finite number above zero."""
 NonNegative = Annotated[Number, Field(ge=0)]
 """A finite number, zero allowed."""
 Angle = Annotated[Number, BeforeValidator(parse_angle)]
 """A finite angle [rad]; texts such as ``1 deg`` are converted."""
-Duration = Annotated[Finite, Field(ge=SMALLEST)]
+Duration = Annotated[Finite, Field(ge=SMALLEST_SIZE)]
 """A time [s]."""
 DURATION = Within(unit="time", possible=(0, 1000), usual=(0, 50))
 Stiffness = Annotated[NonNegative, Within(unit="stiffness", possible=(0, 1e6), usual=(0, 1e4))]

@@ -36,7 +36,7 @@ MAX_BYTES = 1024 * 1024
 """Largest size of a file: more than any robot has without its meshes, which are files of their own."""
 MAX_DEPTH, MAX_ELEMENTS, MAX_MOVING = 20, 5000, 16
 """Largest depth and number of elements, and of moving links: equations of more links would take minutes to compile."""
-LARGEST = 1e4
+LARGEST_ENTRY = 1e4
 """Largest length [m], mass [kg], inertia [kg m^2] and angle [rad] of a robot that walks."""
 PARALLEL = 1e-4
 """Largest angle between parallel axes [rad]: files write 1.5708 for a right angle."""
@@ -610,8 +610,10 @@ class _Reader:
             value = parse_number(word)
         except ValueError:
             self.refuse(element, f"{key} = {_shown(word)} is not a number")
-        if not abs(value) <= LARGEST:
-            self.refuse(element, f"{key} = {_shown(word)} must be a number of at most {LARGEST:g} in size, in SI units")
+        if not abs(value) <= LARGEST_ENTRY:
+            self.refuse(
+                element, f"{key} = {_shown(word)} must be a number of at most {LARGEST_ENTRY:g} in size, in SI units"
+            )
         return value
 
 

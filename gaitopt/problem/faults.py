@@ -20,7 +20,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from gaitopt.errors import ProblemError, printable
-from gaitopt.model.units import LARGEST, SMALLEST
+from gaitopt.model.units import LARGEST_SIZE, SMALLEST_SIZE
 from gaitopt.requests import LONGEST_SHOWN
 
 HINTS: Mapping[str, str] = {
@@ -254,12 +254,14 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
         return f"{value} is not a finite number{meaning}"
     if kind in _LIMITS:
         violated = limits[_LIMITS[kind]]
-        lower = max(_limits(field, "ge"), default=-LARGEST)
-        upper = min(_limits(field, "le"), default=LARGEST)
+        lower = max(_limits(field, "ge"), default=-LARGEST_SIZE)
+        upper = min(_limits(field, "le"), default=LARGEST_SIZE)
         allowed = f"at least {lower:g} and at most {upper:g}"
-        if violated == SMALLEST:
-            allowed = f"greater than 0, and at least {SMALLEST:g}"
-        elif lower in (-LARGEST, SMALLEST) or upper == LARGEST:  # the other limit only keeps products from overflowing
+        if violated == SMALLEST_SIZE:
+            allowed = f"greater than 0, and at least {SMALLEST_SIZE:g}"
+        elif (
+            lower in (-LARGEST_SIZE, SMALLEST_SIZE) or upper == LARGEST_SIZE
+        ):  # the other limit only keeps products from overflowing
             allowed = f"at {'least' if kind == 'greater_than_equal' else 'most'} {violated:g}"
         without_unit = "[rad]" in description and isinstance(value, int | float) and abs(value) > 1
         remedy = f"; did you mean {value:g} deg?" if without_unit else ""

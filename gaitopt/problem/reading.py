@@ -26,7 +26,7 @@ from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import refused_controls, refused_walkers
 from gaitopt.model.section import CLOCK, TOUCHDOWN, has_stated_sections, section_of
 from gaitopt.model.transitions import transitions
-from gaitopt.model.units import SMALLEST, Angle, Number, unknown_faults
+from gaitopt.model.units import SMALLEST_SIZE, Angle, Number, unknown_faults
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
 from gaitopt.problem.scalars import ANGLE, CLEARANCE, DESIGN_SCALARS, MOTORS, PUSH, SCALARS
@@ -779,8 +779,8 @@ class _StatementReader:
             why, weight = self._objection(model, name), _number(value)
             if why:
                 self._fault((*path, name), why)
-            elif weight is None or abs(weight) < SMALLEST:
-                form = f"give a number, negative to maximise, at least {SMALLEST:g} in size"
+            elif weight is None or abs(weight) < SMALLEST_SIZE:
+                form = f"give a number, negative to maximise, at least {SMALLEST_SIZE:g} in size"
                 self._fault((*path, name), f"{shown(value)} is not a weight: {form}")
             else:
                 weights[name] = weight

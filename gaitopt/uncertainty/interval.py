@@ -12,8 +12,8 @@ from gaitopt.uncertainty.limits import LARGEST_FRICTION
 
 NONE = "none"
 """Type of the end of an interval that continues beyond all values examined."""
-SMALLEST = 1e-3
-"""Smallest value examined, relative to that of the gait, if the problem does not allow zero."""
+NEAR_ZERO = 1e-3
+"""Distance from zero of the value that is examined if the problem does not allow zero, relative to that of the gait."""
 REACH = 2.0
 """A parameter other than friction is followed up to this distance, relative to its size."""
 
@@ -50,10 +50,10 @@ def _target(gait: Gait, key: str, value: float, sign: int) -> float | None:
     """The value to which the gait is followed on one side; None if the problem allows no value there."""
     objection: Callable[[str, float], str | None] = gait.problem.objection
     if key.startswith("friction"):
-        targets: tuple[float, ...] = (0.0, SMALLEST * value) if sign < 0 else (max(LARGEST_FRICTION, REACH * value),)
+        targets: tuple[float, ...] = (0.0, NEAR_ZERO * value) if sign < 0 else (max(LARGEST_FRICTION, REACH * value),)
     else:
         size = abs(value) or 1.0
-        targets = tuple(value + sign * fraction * size for fraction in (REACH, 1.0, 1 - SMALLEST, 0.5, 0.1))
+        targets = tuple(value + sign * fraction * size for fraction in (REACH, 1.0, 1 - NEAR_ZERO, 0.5, 0.1))
     return next((target for target in targets if target != value and not objection(key, target)), None)
 
 

@@ -15,7 +15,7 @@ from casadi import SX, cos, pi, sin, sqrt, sumsqr, vertcat
 from pydantic import Field
 
 from gaitopt.model.mechanism import Body, Contact, Mechanism, coil
-from gaitopt.model.units import SMALLEST, Angle, Inertia, Positive, Stiffness, Within, symmetric
+from gaitopt.model.units import SMALLEST_SIZE, Angle, Inertia, Positive, Stiffness, Within, symmetric
 from gaitopt.model.walker import Walker
 
 STEEPEST = Field(ge=-1.5, le=1.5)
@@ -34,14 +34,16 @@ class Bounder(Walker):
     largest_angle = pi / 2
 
     mass: Annotated[Positive, Field(description="mass of the trunk [kg]")]
-    inertia: Annotated[Inertia, Field(ge=SMALLEST, description="moment of inertia about the centre of mass [kg m^2]")]
+    inertia: Annotated[
+        Inertia, Field(ge=SMALLEST_SIZE, description="moment of inertia about the centre of mass [kg m^2]")
+    ]
     hip: Annotated[
         Positive,
         Field(description="distance of each hip from the centre of mass [m]"),
         Within(unit="length", possible=(0, 100), usual=(0, 5)),
     ]
     leg_length: Annotated[Positive, Field(description="full length of a leg [m]")]
-    stiffness: Annotated[Stiffness, Field(ge=SMALLEST, description="stiffness of a leg [N/m]")]
+    stiffness: Annotated[Stiffness, Field(ge=SMALLEST_SIZE, description="stiffness of a leg [N/m]")]
     front_angle: Annotated[Angle, STEEPEST, Field(description="angle at which the front leg lands, forward [rad]")]
     back_angle: Annotated[Angle, STEEPEST, Field(description="angle at which the back leg lands, forward [rad]")]
     energy: Annotated[

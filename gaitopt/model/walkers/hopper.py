@@ -16,7 +16,7 @@ from casadi import SX, sqrt, vertcat
 from pydantic import Field
 
 from gaitopt.model.mechanism import Body, Mechanism, coil
-from gaitopt.model.units import SMALLEST, Positive, Stiffness, Within
+from gaitopt.model.units import SMALLEST_SIZE, Positive, Stiffness, Within
 from gaitopt.model.walker import Walker
 
 
@@ -35,7 +35,7 @@ class Hopper(Walker):
     leg_length: Annotated[Positive, Field(description="full length of the leg [m]")]
     body_mass: Annotated[Positive, Field(description="mass of the body [kg]")]
     foot_mass: Annotated[Positive, Field(description="mass of the foot [kg]")]
-    stiffness: Annotated[Stiffness, Field(ge=SMALLEST, description="stiffness of the leg [N/m]")]
+    stiffness: Annotated[Stiffness, Field(ge=SMALLEST_SIZE, description="stiffness of the leg [N/m]")]
     thrust: Annotated[
         Positive,
         Field(description="force that extends the leg after maximum compression [N]"),

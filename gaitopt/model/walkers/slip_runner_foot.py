@@ -12,7 +12,7 @@ from casadi import SX, cos, pi, vertcat
 from pydantic import Field
 
 from gaitopt.model.mechanism import Body, Mechanism, coil, inclined, polar
-from gaitopt.model.units import SMALLEST, Angle, Positive, Slope, Stiffness, TurningStiffness
+from gaitopt.model.units import SMALLEST_SIZE, Angle, Positive, Slope, Stiffness, TurningStiffness
 from gaitopt.model.walker import Walker
 
 
@@ -31,9 +31,9 @@ class SlipRunnerFoot(Walker):
     body_mass: Annotated[Positive, Field(description="mass of the body [kg]")]
     foot_mass: Annotated[Positive, Field(description="mass of the foot [kg]")]
     leg_length: Annotated[Positive, Field(description="full length of the leg [m]")]
-    stiffness: Annotated[Stiffness, Field(ge=SMALLEST, description="stiffness of the leg [N/m]")]
+    stiffness: Annotated[Stiffness, Field(ge=SMALLEST_SIZE, description="stiffness of the leg [N/m]")]
     hip_stiffness: Annotated[
-        TurningStiffness, Field(ge=SMALLEST, description="stiffness of the spring that turns the leg [N m/rad]")
+        TurningStiffness, Field(ge=SMALLEST_SIZE, description="stiffness of the spring that turns the leg [N m/rad]")
     ]
     hip_rest: Annotated[
         Angle, Field(ge=-pi, le=pi, description="angle of the leg at which this spring has no torque [rad]")

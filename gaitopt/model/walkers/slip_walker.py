@@ -15,7 +15,7 @@ from casadi import SX, cos, pi, sin, sqrt, sumsqr, vertcat
 from pydantic import Field
 
 from gaitopt.model.mechanism import Body, Contact, Mechanism, coil
-from gaitopt.model.units import SMALLEST, Angle, Positive, Stiffness, Within
+from gaitopt.model.units import SMALLEST_SIZE, Angle, Positive, Stiffness, Within
 from gaitopt.model.walker import Walker
 
 
@@ -32,7 +32,7 @@ class SlipWalker(Walker):
 
     mass: Annotated[Positive, Field(description="point mass [kg]")]
     leg_length: Annotated[Positive, Field(description="full length of a leg [m]")]
-    stiffness: Annotated[Stiffness, Field(ge=SMALLEST, description="stiffness of a leg [N/m]")]
+    stiffness: Annotated[Stiffness, Field(ge=SMALLEST_SIZE, description="stiffness of a leg [N/m]")]
     attack: Annotated[
         Angle, Field(ge=0.01, le=pi - 0.01, description="angle of attack, measured from the ground [rad]")
     ]
