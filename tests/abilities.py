@@ -474,7 +474,6 @@ REASONS: Mapping[tuple[str, str], str] = {
     ("a section at a margin", "basin, heyoka"): UNSTABLE,
     ("a section at a margin", "attractors"): UNSTABLE,
     ("a section at a margin", "prove"): OWN_COORDINATES,
-    ("a section in mid-stride", "prove"): LANDINGS,
     ("a section in mid-stride", "replay"): LANDINGS,
     ("stops", "replay"): SOFT,
     ("switches and flight", "replay"): SOFT,

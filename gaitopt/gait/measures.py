@@ -267,7 +267,7 @@ class _Measured:
         self.distance = sum(step.final_impact.step_length for step in steps)
         self.push_work = sum(step.final_impact.push_work for step in steps)
         for last, arc in (pair for step in steps for pair in pairwise(step.arcs)):
-            if arc.struck is not None and {*arc.struck.touching} - {*last.mode.touching}:
+            if arc.struck is not None and (arc.struck.swaps or {*arc.struck.touching} - {*last.mode.touching}):
                 self.push_work += push_work(last.dynamics, last.mode, last.states[-1])
         self.slip = sum(
             abs(curves.integral(contact.slip, arc.duration))

@@ -14,7 +14,7 @@ known order k, its sign just after the start is that of its series divided by t^
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import chain, groupby
 from typing import Any
 
 from casadi import SX, depends_on, is_equal, jtimes, substitute, vertcat, vertsplit
@@ -53,7 +53,7 @@ RELATIVE_WIDTH = 1e-12
 """A part is not divided further once its upper bound exceeds the known maximum by less than this part of it."""
 SLIPS, CONES = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD), ("cone_forward", "cone_backward")
 APPARENT_MASS, UNIQUE_FORCES, TIME_WINDOW, AT_REST = "apparent mass", "unique forces", "time window", "mode at rest"
-IMPACT, SECTION = "impact", "section"
+IMPACT, SECTION, LANDS = "impact", "section", "touchdown"
 REGULARITIES = ("impact_painleve", "impact_regularity")
 """Margins of an impact whose impulses may not be unique."""
 
@@ -160,64 +160,67 @@ def mode_claim_names(system: HybridSystem, law: ExactLaw, sequence: Cycle, arcs:
     This list does not rely on ``mode_sequence_claims``. A claim that the latter forgets therefore leaves the theorem
     unproved.
     """
-    names, windows, alone = list[str](), bool(law.breakpoints) or law.horizon is not None, system.walker.stands_on_one()
-    rising, ends = _rising(system), list[str]()
-    for j, arc in enumerate(arcs):
-        of_arc = [name for name in system.transitions.margin_names(arc.mode) if name != rising]
+    names, ends, windows = list[str](), list[str](), bool(law.breakpoints) or law.horizon is not None
+    alone, section = system.walker.stands_on_one(), _section_margin(system)
+    rows = [system.transitions.ending(sequence, arc.phase) if arc.ends_phase else None for arc in arcs]
+    landings = [alone and row is not None and row.reset is not None and row.reset.swaps for row in rows]
+    for j, (arc, lands) in enumerate(zip(arcs, landings, strict=True)):
+        rising = {section, LANDS} if any(landings) else {section}
+        of_arc = [name for name in system.transitions.margin_names(arc.mode) if name not in rising]
         of_arc += [APPARENT_MASS] if alone and arc.mode.sticks and not system.walker.massless_feet else []
         of_arc += [UNIQUE_FORCES] if not alone and arc.mode.touching else []
         of_arc += [TIME_WINDOW] if windows else []
         of_arc += [AT_REST] if _starts_at_rest(system, sequence, arcs, j) else []
         struck = system.transitions.struck(sequence, arc.phase) if arc.ends_phase else None
-        ends_step = arc.ends_phase and sequence.after(arc.phase) is None
-        if struck is not None and system.transitions.of_impact(struck, arc.mode) and not ends_step:
-            of_arc += [IMPACT]
-        names += [f"arc {j + 1}, {arc.mode}: {name}" for name in of_arc]
-        if ends_step:
+        of_end = [LANDS] if lands else []
+        if arc.ends_phase and sequence.after(arc.phase) is None:
+            of_end += [section] if section else []
+            of_end += [IMPACT] if system.cycle_end == TOUCHDOWN_END else []
             prefix = f"step {sequence.step_of(arc.phase) + 1}, " if len(sequence.steps) > 1 else ""
-            ends += [f"{prefix}{rising}"] if rising else []
-            ends += [f"{prefix}{IMPACT}"] if system.cycle_end == TOUCHDOWN_END else []
+            ends += [f"{prefix}{name}" for name in of_end]
+        else:
+            of_end += [IMPACT] if struck is not None and system.transitions.of_impact(struck, arc.mode) else []
+            of_arc += of_end
+        names += [f"arc {j + 1}, {arc.mode}: {name}" for name in of_arc]
     return (*names, *ends, *([SECTION] if system.section(sequence).solved else []))
 
 
-def _rising(system: HybridSystem) -> str:
-    """The margin that rises from zero in every step before its fall to zero ends it; empty if there is none."""
-    if system.cycle_end not in (TOUCHDOWN_END, CLOCK):
-        return system.cycle_end
-    return "touchdown" if system.cycle_end == TOUCHDOWN_END and system.walker.stands_on_one() else ""
+def _section_margin(system: HybridSystem) -> str:
+    """The margin that ends a cycle when it falls to zero; empty if a landing or the clock does."""
+    return "" if system.cycle_end in (TOUCHDOWN_END, CLOCK) else system.cycle_end
 
 
 def mode_sequence_claims(orbit: Orbit, cycle: CycleEnclosure) -> Iterator[ProofClaim]:
     """Prove or refute the mode sequence: margins on every arc, unique modes, touchdowns, impacts."""
     system, sequence = orbit.system, orbit.sequence
     windows, alone = bool(orbit.law.breakpoints) or orbit.law.horizon is not None, system.walker.stands_on_one()
-    name_of_end = _rising(system)
-    for step in range(len(sequence.steps)):
-        arcs, rising = orbit.arcs_of(step), list[SignPart]()
-        for j in arcs:
-            arc, y_end = orbit.arcs[j], cycle.ends[j]
-            title, signs = f"arc {j + 1}, {arc.mode}", _margin_signs(orbit, cycle, j)
-            margins_at_end = orbit.field(arc.mode, j).margins(y_end)[0]
-            for (name, parts), at_end in zip(signs.items(), margins_at_end, strict=True):
-                if name != name_of_end:
-                    pattern = ENDS if name in arc.zeros else POSITIVE
-                    yield _claim(f"{title}: {name}", _margin, name, parts, pattern, at_end)
-            rising += signs.get(name_of_end, []) if system.transitions.may_land(arc.mode) else []
-            if alone and arc.mode.sticks and not system.walker.massless_feet:
-                yield _claim(f"{title}: {APPARENT_MASS}", _apparent_mass, orbit, cycle, j)
-            if not alone and arc.mode.touching:
-                yield _claim(f"{title}: {UNIQUE_FORCES}", _unique_forces, orbit, cycle, j)
-            if windows:
-                yield _claim(f"{title}: {TIME_WINDOW}", _time_window, orbit, j, y_end)
-            if _starts_at_rest(system, sequence, orbit.arcs, j):
-                yield _claim(f"{title}: {AT_REST}", _mode_at_rest, orbit, j, cycle.starts[j])
-            if orbit.struck(j) is not None and not orbit.ends_step(j):
-                yield _claim(f"{title}: {IMPACT}", _impact, orbit, j, y_end)
-        prefix = f"step {step + 1}, " if len(sequence.steps) > 1 else ""
-        if name_of_end:
-            yield _claim(f"{prefix}{name_of_end}", _margin, name_of_end, rising, TOUCHDOWN, arb(0))
-        if system.cycle_end == TOUCHDOWN_END:
-            yield _claim(f"{prefix}{IMPACT}", _impact, orbit, arcs[-1], cycle.ends[arcs[-1]])
+    section, signs = _section_margin(system), [_margin_signs(orbit, cycle, j) for j in range(len(orbit.arcs))]
+    for j, arc in enumerate(orbit.arcs):
+        y_end, title = cycle.ends[j], f"arc {j + 1}, {arc.mode}"
+        margins_at_end = orbit.field(arc.mode, j).margins(y_end)[0]
+        for (name, parts), at_end in zip(signs[j].items(), margins_at_end, strict=True):
+            if name not in _rising(orbit):
+                pattern = ENDS if name in arc.zeros else POSITIVE
+                yield _claim(f"{title}: {name}", _margin, name, parts, pattern, at_end)
+        if alone and arc.mode.sticks and not system.walker.massless_feet:
+            yield _claim(f"{title}: {APPARENT_MASS}", _apparent_mass, orbit, cycle, j)
+        if not alone and arc.mode.touching:
+            yield _claim(f"{title}: {UNIQUE_FORCES}", _unique_forces, orbit, cycle, j)
+        if windows:
+            yield _claim(f"{title}: {TIME_WINDOW}", _time_window, orbit, j, y_end)
+        if _starts_at_rest(system, sequence, orbit.arcs, j):
+            yield _claim(f"{title}: {AT_REST}", _mode_at_rest, orbit, j, cycle.starts[j])
+        before_end = f"{title}: "
+        if orbit.ends_step(j):
+            before_end = f"step {orbit.step(j) + 1}, " if len(sequence.steps) > 1 else ""
+        if alone and orbit.swaps(j):
+            swing = (signs[i].get(LANDS, []) for i in orbit.swing(j) if system.transitions.may_land(orbit.arcs[i].mode))
+            yield _claim(f"{before_end}{LANDS}", _margin, LANDS, [*chain(*swing)], TOUCHDOWN, arb(0))
+        if section and orbit.ends_step(j):
+            parts = [part for i in orbit.arcs_of(orbit.step(j)) for part in signs[i].get(section, [])]
+            yield _claim(f"{before_end}{section}", _margin, section, parts, TOUCHDOWN, arb(0))
+        if orbit.struck(j) is not None:
+            yield _claim(f"{before_end}{IMPACT}", _impact, orbit, j, y_end)
     if orbit.solved:
         yield _claim(SECTION, _section, orbit, cycle)
 
@@ -234,6 +237,15 @@ def _claim(name: str, prove: Callable[..., tuple[str, arb | None]], *arguments: 
     return ProofClaim(name, proved=True, words=words, margin=margin)
 
 
+def _rising(orbit: Orbit) -> tuple[str, ...]:
+    """The margins that may start below zero, and end a swing or a cycle when they fall to zero after positive values.
+
+    They are the margin that ends the cycle, and that of the swing foot if it lands.
+    """
+    lands = orbit.system.walker.stands_on_one() and any(orbit.swaps(j) for j in range(len(orbit.arcs)))
+    return (_section_margin(orbit.system), LANDS) if lands else (_section_margin(orbit.system),)
+
+
 def _starts_phase(arcs: Sequence[OrbitArc], j: int) -> bool:
     """Whether arc ``j`` is the first one of its phase; the others follow a breakpoint."""
     return j == 0 or arcs[j - 1].phase != arcs[j].phase
@@ -245,24 +257,49 @@ def _starts_at_rest(system: HybridSystem, sequence: Cycle, arcs: Sequence[OrbitA
     Any phase does but one after an impact with slip, and a flight. Forces of several contacts are unique at all times.
     """
     mode, impact = arcs[j].mode, sequence.impact_before(arcs[j].phase)
-    rests = impact is None or system.cycle_end != TOUCHDOWN_END or impact.contact is Mode.STICK
+    rests = impact is None or impact.contact is Mode.STICK
     is_alone = system.walker.stands_on_one() and not system.walker.massless_feet
     return bool(is_alone and mode.touching and _starts_phase(arcs, j) and rests)
 
 
 def _margin_signs(orbit: Orbit, cycle: CycleEnclosure, j: int) -> dict[str, list[SignPart]]:
     """The signs of all margins of the mode along arc ``j``, by name."""
-    arc, steps = orbit.arcs[j], cycle.steps[j]
-    names, lengths = orbit.system.transitions.margin_names(arc.mode), [hull(step.h) for step in steps]
-    series = zip(*(step.along(orbit.field(arc.mode, j).margins) for step in steps), strict=True)
-    signs = dict[str, list[SignPart]]()
-    for name, values in zip(names, series, strict=True):
-        order = _order_of_zero(orbit, j, name, values[0][0]) if _starts_phase(orbit.arcs, j) else 0
-        if not all(c.contains(0) for c in values[0][:order]) or order >= len(values[0]):
-            raise NotProved(f"{name} does not start arc {j + 1} with a zero of order {order}")
-        monotone = name == _rising(orbit.system) or name in arc.zeros
-        signs[name] = list(sign_parts(zip(values, lengths, strict=True), order, monotone=monotone))
-    return signs
+    arc, margins = orbit.arcs[j], orbit.field(orbit.arcs[j].mode, j).margins
+    names, starts_phase = orbit.system.transitions.margin_names(arc.mode), _starts_phase(orbit.arcs, j)
+    orders = list[int]()
+    for name, series in zip(names, cycle.steps[j][0].along(margins), strict=True):
+        orders.append(_order_of_zero(orbit, j, name, series[0]) if starts_phase else 0)
+        if not all(c.contains(0) for c in series[: orders[-1]]) or orders[-1] >= len(series):
+            raise NotProved(f"{name} does not start arc {j + 1} with a zero of order {orders[-1]}")
+    monotone = [name in _rising(orbit) or name in arc.zeros for name in names]
+    return dict(zip(names, _signs(cycle.steps[j], lambda step: step.along(margins), orders, monotone), strict=True))
+
+
+def _signs(
+    steps: Iterable[TaylorStep],
+    functions: Callable[[TaylorStep], list[list[arb]]],
+    orders: Sequence[int] = (),
+    monotone: Sequence[bool] = (),
+) -> list[list[SignPart]]:
+    """The signs of functions along an arc. A step is divided where the remainder of a function is too wide.
+
+    Parameters
+    ----------
+    functions : the functions along a step, as polynomials in time.
+    orders, monotone : see ``sign_parts``, for each function; none starts with a zero, and none may be monotone.
+    """
+    by_step, start, pending = list[list[list[SignPart]]](), NOW, [(step, MOST_REFINEMENTS) for step in [*steps][::-1]]
+    while pending:
+        (step, depth), of_step = pending.pop(), list[list[SignPart]]()
+        for k, values in enumerate(functions(step)):
+            order, either = orders[k] if orders and start.is_zero() else 0, bool(monotone and monotone[k])
+            of_step.append([*sign_parts([(values, hull(step.h))], order, monotone=either, start_of_step=start)])
+        if depth and any(part.kind == "?" for parts in of_step for part in parts):
+            pending += [(half, depth - 1) for half in reversed(step.halves())]
+            continue
+        by_step.append(of_step)
+        start += hull(step.h).mid()
+    return [[*chain(*parts)] for parts in zip(*by_step, strict=True)]
 
 
 def _order_of_zero(orbit: Orbit, j: int, name: str, start: arb) -> int:
@@ -294,17 +331,17 @@ def _order_of_zero(orbit: Orbit, j: int, name: str, start: arb) -> int:
         return min(sequence.onset_order(phase, contact, jump=drops), 2 if is_gentle else 1)
     if name in system.transitions.zeros_after(sequence, before.phase):
         return 1
-    if name == _rising(system) and not system.walker.stands_on_one():
+    if name == _section_margin(system):
         return int(phase == 0)
     if what == "gap":
         touched = system.walker.swapped(before.mode) if orbit.swaps(j - 1) else before.mode
         return 0 if start > 0 or contact not in touched.touching else leaving
     if name == "touchdown" and before.mode.touching and not orbit.arcs[j].mode.touching:
         return leaving if start.contains(0) and _vanishes_on_ground(system, orbit.arcs[j].mode) else 0
-    after_impact = phase in sequence.first_phases and orbit.section.stated
+    after_impact = orbit.swaps(j - 1) and system.walker.stands_on_one()
     if name == "clearance" and after_impact:
         return int(start.contains(0))
-    if after_impact and not is_held(name) and not orbit.section.is_explicit:
+    if after_impact and not is_held(name) and orbit.section.stated and not orbit.section.is_explicit:
         return int(_is_condition(system, orbit.section, orbit.arcs[j].mode, name))
     return zeros_after_impact(system, orbit.arcs[j].mode, name) if after_impact and not is_held(name) else 0
 
@@ -419,19 +456,10 @@ def _smallest(steps: Iterable[TaylorStep], functions: Callable[[TaylorStep], lis
     ----------
     functions : the functions along a step, as polynomials in time.
     """
-    bounds, start, pending = list[arb](), arb(0), [(step, MOST_REFINEMENTS) for step in [*steps][::-1]]
-    while pending:
-        step, depth = pending.pop()
-        try:
-            for values in functions(step):
-                parts = list(sign_parts([(values, hull(step.h))], monotone=False, start_of_step=start))
-                check_pattern(name, parts, POSITIVE)
-                bounds += [part.value.lower() for part in parts]
-            start += hull(step.h).mid()
-        except NotProved as failure:
-            if not depth or isinstance(failure, Refuted):
-                raise
-            pending += [(half, depth - 1) for half in reversed(step.halves())]
+    bounds = list[arb]()
+    for parts in _signs(steps, functions):
+        check_pattern(name, parts, POSITIVE)
+        bounds += [part.value.lower() for part in parts]
     return min(bounds)
 
 
@@ -452,7 +480,7 @@ def _unique_forces(orbit: Orbit, cycle: CycleEnclosure, j: int) -> tuple[str, ar
 def _section(orbit: Orbit, cycle: CycleEnclosure) -> tuple[str, arb | None]:
     """Closed heights: the orbit satisfies the conditions of its section exactly; see ``Orbit.require_section``."""
     orbit.require_section(cycle)
-    return "the heights and velocities of contacts on the ground are exactly zero at the start of the cycle", None
+    return "the conditions of the section are exactly zero at the start of the cycle", None
 
 
 def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
@@ -534,7 +562,7 @@ def _impact(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
                 shown = ", ".join(f"{name} {margin.str(6)}" for name, margin in margins.items())
                 raise NotProved(f"an impact with {_after(orbit, other, j)} is not shown to be inconsistent: {shown}")
     first = " where sticking takes precedence" if struck.sticks and sticks_first else ""
-    lifts = ", and the former stance foot lifts" if orbit.ends_step(j) and walker.stands_on_one() else ""
+    lifts = ", and the former stance foot lifts" if orbit.swaps(j) and walker.stands_on_one() else ""
     return f"{_after(orbit, struck, j)} is the only consistent impact{first}{lifts}", smallest_margin
 
 
@@ -592,10 +620,11 @@ def measure_bounds(orbit: Orbit, cycle: CycleEnclosure, period: arb) -> dict[str
             starts = [(t[0], n[0]) for t, n in zip(f_t, f_n, strict=True)]
             for t, n, step, end in zip(f_t, f_n, cycle.steps[j], [*starts[1:], last], strict=True):
                 forces.append((t, n, hull(step.h), abs(end[0] / end[1])))
+        struck, y = orbit.struck(j), cycle.ends[j]
+        if struck and not {*struck.touching} <= {*arc.mode.touching}:
+            work += orbit.impact(struck, j)(y)[3][0]
         if orbit.ends_step(j):
-            struck, y = orbit.struck(j), cycle.ends[j]
             length += orbit.impact(struck, j)(y)[1][orbit.system.n_shape] if struck else y[orbit.system.n_shape]
-            work += orbit.impact(struck, j)(y)[3][0] if struck else arb(0)
     weight = BallFunction(orbit.system.weight, [])(orbit.p)[0][0]
     ratio = largest_force_ratio(forces) if forces else None
     return {

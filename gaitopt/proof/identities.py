@@ -21,7 +21,7 @@ from math import prod
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, densify, det, ldl, ldl_solve, reshape, symvar, vertcat, vertsplit
+from casadi import SX, Function, densify, depends_on, det, is_equal, ldl, ldl_solve, reshape, symvar, vertcat, vertsplit
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
 from gaitopt.building import built_once
@@ -206,6 +206,22 @@ def require_heights(walker: type[Walker]) -> None:
         difference = SX(0) if contact.gap is None else contact.gap - contact.position[1]
         if not vanishes_identically(difference, vertcat(SX(0, 1), *symvar(difference))):
             raise NotProved(f"{walker.model}: the gap of {name} is not its height; proofs do not cover that")
+
+
+def require_same_everywhere(walker: type[Walker], section: Section) -> None:
+    """Require that the conditions for which a section is solved hold wherever the walker is: x returns to zero.
+
+    Raises
+    ------
+    NotProved
+        If a condition other than x = 0 depends on x.
+    """
+    z, p = SX.sym("z", len(walker.state_names())), SX.sym("p", len(walker.model_fields))
+    x = z[walker.state_names().index("x")]
+    for condition in vertsplit(section.conditions(z, p)) if section.solved else ():
+        if depends_on(condition, x) and not is_equal(condition, x):
+            words = "the margin that ends its cycle depends on the place along the ground"
+            raise NotProved(f"{walker.model}: {words}; proofs do not cover that")
 
 
 def require_conditions(walker: type[Walker], section: Section) -> None:

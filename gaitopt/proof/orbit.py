@@ -39,7 +39,7 @@ from gaitopt.building import building
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.model.section import CLOCK, Section
+from gaitopt.model.section import CLOCK, TOUCHDOWN, Section, section_of
 from gaitopt.model.system import HybridSystem
 from gaitopt.proof.arithmetic import (
     UNIT,
@@ -309,15 +309,16 @@ class Orbit:
         if struck is not None:
             after[:n_z] = system.impact(struck, arc.mode, ends_step=self.ends_step(j))(y[:n_z], values)[0]
         if self.ends_step(j):
-            section = system.section(self.sequence if following == 0 else self.sequence.impacts[self.step(j)])
             after[n_z], after[system.n_shape] = 0, 0
-            if section.is_explicit:
-                xi = after[section.indices.tolist()]
-                full = vertcat(xi, SX.zeros(system.lift.size1_in(0) - xi.numel()))
-                after[:n_z] = system.lift(full, self._spaces[following].parameters(y, p))
-            elif following == 0:
-                returned = after[self.solved]
-                after[self.solved] = 0
+        landing = self.landing_section(j)
+        if landing is not None and landing.is_explicit:
+            xi, x = after[landing.indices.tolist()], after[system.n_shape]
+            full = vertcat(xi, SX.zeros(system.lift.size1_in(0) - xi.numel()))
+            after[:n_z] = system.lift(full, self._spaces[following].parameters(y, p))
+            after[system.n_shape] = x
+        elif following == 0:
+            returned = after[self.solved]
+            after[self.solved] = 0
         outputs = cse([event, after, jacobian(event, y), jacobian(after, y), returned])
         return Function("event_and_reset", [y, p, r, time], outputs)
 
@@ -334,6 +335,20 @@ class Orbit:
         arc = self.arcs[j]
         row = self.system.transitions.ending(self.sequence, arc.phase) if arc.ends_phase else None
         return row is not None and row.reset is not None and row.reset.swaps
+
+    def swing(self, j: int) -> list[int]:
+        """Indices of the arcs from a swap of the feet to the next one, which ends arc ``j``."""
+        indices = [j % len(self.arcs)]
+        while not self.swaps(indices[0] - 1):
+            indices.insert(0, (indices[0] - 1) % len(self.arcs))
+        return indices
+
+    def landing_section(self, j: int) -> Section | None:
+        """The states just after the landing that ends arc ``j``, of a walker that then stands on this foot alone."""
+        after = self.sequence.reset_after(self.arcs[j].phase)
+        if after is None or not (self.swaps(j) and self.system.walker.stands_on_one()):
+            return None
+        return section_of(self.system.walker, self.arcs[j].mode, after, TOUCHDOWN)
 
     def struck(self, j: int) -> Mode | None:
         """The impact that ends arc ``j``, with the names that the contacts have before it; None without an impact."""

@@ -27,7 +27,7 @@ from gaitopt.model.friction import Friction
 from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.reference import ARGUMENT, FORMS, CurveReference, GaitReference, Reference, TableReference
-from gaitopt.model.section import TOUCHDOWN, has_stated_sections
+from gaitopt.model.section import TOUCHDOWN, has_stated_sections, section_of
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Transitions, contact_of
 from gaitopt.model.urdf import UrdfWalker
@@ -53,10 +53,12 @@ from gaitopt.proof.identities import (
     modes_of_contacts,
     require_conditions,
     require_heights,
+    require_same_everywhere,
 )
 from gaitopt.proof.law import ExactLaw, exact_law, exact_piece
 from gaitopt.proof.orbit import Orbit, OrbitArc, TiltedBox
 
+NOT_COVERED = "proofs do not cover that"
 MOST_INTERVALS = 10
 """Largest number of parameters with intervals: all corners are examined, and 2^10 of them take a few seconds."""
 LARGEST_JUMP = 1e-9
@@ -391,27 +393,28 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
     walker, name = system.walker, problem.name
     if walker.placed_contacts():
         words = "massless contacts with coordinates of their own, whose forces do not follow from accelerations"
-        raise NotProved(f"{name}: a {walker.model} has {words}; proofs do not cover that")
+        raise NotProved(f"{name}: a {walker.model} has {words}; {NOT_COVERED}")
     if walker.contacts and system.friction.may_drop:
         words = "static above kinetic friction, so that several modes are consistent where one of its contacts slips"
-        raise NotProved(f"{name}: a {walker.model} has several contacts and {words}; proofs do not cover that")
+        raise NotProved(f"{name}: a {walker.model} has several contacts and {words}; {NOT_COVERED}")
     if any(mode.is_named != bool(walker.contacts) for mode in problem.cycle.phases):
         raise NotProved(f"{name}: both feet are on the ground in a phase; proofs cover feet that stand alone")
-    if any(landed.swaps for step in problem.cycle.steps for _, landed in step.landings):
-        raise NotProved(f"{name}: the feet swap roles within the cycle; proofs cover landings that end a step")
-    if walker.stands_on_one() and problem.cycle_end != TOUCHDOWN:
-        raise NotProved(f"{name}: its cycle ends without a landing; proofs of one foot do not cover that")
     require_heights(walker)
     for mode in problem.cycle.phases:
         for other in modes_of_contacts(system, mode) if walker.contacts else (mode,):
             dependent_contacts(walker, other)
     section = system.section(problem.cycle)
     require_conditions(walker, section)
-    if section.stated and not section.is_explicit and walker.section_rates is not None:
-        words = "a posture after its impact that Newton's method solves for, and rates that follow from others"
-        raise NotProved(f"{name}: a {walker.model} has {words}; proofs do not cover that")
-    if "energy" in walker.model_fields and walker.contacts:
-        raise NotProved(f"{name}: its energy is a parameter, and several contacts land; proofs do not cover that")
+    require_same_everywhere(walker, section)
+    if walker.stands_on_one():
+        landing = section_of(walker, problem.cycle.phases[-1], problem.cycle.impact, TOUCHDOWN)
+        is_solved, words = not landing.is_explicit, "a posture after its impact that Newton's method solves for"
+        if is_solved and walker.section_rates is not None:
+            raise NotProved(f"{name}: a {walker.model} has {words}, and rates that follow from others; {NOT_COVERED}")
+        if is_solved and problem.cycle_end != TOUCHDOWN:
+            raise NotProved(f"{name}: a {walker.model} has {words}, and lands within its cycle; {NOT_COVERED}")
+    if "energy" in walker.model_fields and not section.is_explicit:
+        raise NotProved(f"{name}: its energy is a parameter, and a condition of its section; {NOT_COVERED}")
 
 
 def _parameter_texts(
@@ -525,7 +528,7 @@ def _require_change(sequence: Cycle, phase: int, table: Transitions) -> None:
     landed = () if struck is None else tuple(name for name in struck.touching if name not in mode.touching)
     for names, what in ((landed, "land"), (sequence.stop_together(phase), "stop")):
         if len(names) > 1 and not (what == "stop" and is_rigid(table.walker, names)):
-            raise NotProved(f"{' and '.join(names)} {what} at one instant; proofs do not cover that")
+            raise NotProved(f"{' and '.join(names)} {what} at one instant; {NOT_COVERED}")
 
 
 def restore_box(statement: Statement, record: BoxRecord) -> tuple[Orbit, TiltedBox]:
