@@ -357,7 +357,7 @@ def stabilise(
     progress: bool | Callable[[str], None] = True,
     should_stop: Stop = None,
 ) -> "Stabilised":
-    """Find a feedback law that walks a gait stably: virtual constraints, PD control, or a correction once per step.
+    """Find a feedback law that walks a gait stably: virtual constraints, PD control, or a correction once per cycle.
 
     Virtual constraints: the joints with motors follow Bezier curves over a phase variable. Their end points make them
     invariant under the impact of the gait; the others are those that need the least additional torque, within the
@@ -366,10 +366,10 @@ def stabilise(
 
     Parameters
     ----------
-    start : a gait with one step in a cycle and one contact on the ground, or a problem that is solved for it.
+    start : a gait of a walker with motors, or a problem that is solved for it.
     law : ``virtual_constraints``, ``pd``, or ``step_feedback``, which keeps the law of the gait and corrects its
-        parameters once per step; virtual constraints by default where the walker has one motor less than shape
-        coordinates, otherwise PD control.
+        parameters once per cycle; virtual constraints by default where the walker has one motor less than shape
+        coordinates, otherwise PD control; ``step_feedback`` for more than two steps or another end of the cycle.
     phase : phase variable of the curves, or ``clock``; by default the first one that is monotone along the gait,
         beginning with those that the walker names; ``clock`` for PD control.
     degree : degree of the curves; by default the lowest one that fits.
@@ -387,7 +387,8 @@ def stabilise(
     ------
     ProblemError
         If the walker has no motors; if virtual constraints are requested, but the walker does not have exactly one
-        motor less than shape coordinates; if the gait has several steps or contacts; or if no phase is monotone.
+        motor less than shape coordinates, or the gait has several steps; if no phase is monotone; or if the law has no
+        parameters to correct.
     SolveError
         If the gait is a failed solve, or there is no gait near it under the laws that were tried.
     StorageError

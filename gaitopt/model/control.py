@@ -103,6 +103,11 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         """Period of a clock of the law's own [s]; None if there is none."""
         return None
 
+    @property
+    def exchanged(self) -> Mapping[str, str]:
+        """Pairs of keys of parameters that take each other's values after every step; none by default."""
+        return {}
+
     def data(self, segment: int) -> Array:
         """Segment data r, of the same length in all segments."""
         return np.zeros(0)

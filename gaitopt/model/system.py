@@ -514,16 +514,20 @@ class HybridSystem:
 
     @cached_property
     def _swapped_parameters(self) -> list[int] | None:
-        """Indices of the parameters after the contacts have swapped their friction; None if that changes nothing."""
+        """Indices of the parameters after those of contacts and control have been swapped; None if nothing changes."""
         friction, indices = self._friction_entries, [*range(len(self.parameters))]
         order = [friction.start + k for k in self.friction.exchanged(self.walker.partners())]
         swapped = [*indices[: friction.start], *order, *indices[friction.stop :]]
+        for pair in self.control.exchanged.items():
+            one, other = (self.parameters.index(f"control.{key}") for key in pair)
+            swapped[one], swapped[other] = other, one
         return None if swapped == indices else swapped
 
     def step_parameters(self, p: Any) -> tuple[Any, ...]:
         """Parameters in each of the first steps, after which they repeat: one set if the legs are alike, otherwise two.
 
-        At every landing that ends a step, legs that differ swap their parameters and their friction.
+        At every landing that ends a step, legs that differ swap their parameters and their friction, and a control
+        law swaps those that it exchanges.
 
         Parameters
         ----------

@@ -12,7 +12,7 @@ from pydantic import Field
 from gaitopt.arrays import Array
 from gaitopt.model.control import Control
 from gaitopt.model.instant import Instant
-from gaitopt.model.reference import Followed, Path
+from gaitopt.model.reference import BezierReference, Followed, Path
 from gaitopt.model.units import Finite, Within
 from gaitopt.model.walker import WalkerType
 
@@ -37,6 +37,13 @@ class ProportionalDerivative(Control):
         Within(unit="damping", possible=(0, 100), usual=(0, 10)),
     ]
     reference: Annotated[Followed, Field(description="motion that the joints track")]
+    other_reference: Annotated[
+        BezierReference | None,
+        Field(
+            description="motion that they track in the second, fourth, ... step of a cycle; Bezier curves with the "
+            "joints, degree and argument of those of the reference"
+        ),
+    ] = None
 
     @property
     def phase_variable(self) -> str:
@@ -47,6 +54,12 @@ class ProportionalDerivative(Control):
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which pieces of the reference meet."""
         return self.reference.motion().breakpoints
+
+    @property
+    def exchanged(self) -> Mapping[str, str]:
+        """The control points of both references, if there are two."""
+        points = () if self.other_reference is None else self.reference.parameters
+        return {f"reference.{key}": f"other_reference.{key}" for key in points}
 
     @property
     def horizon(self) -> float:
@@ -60,6 +73,10 @@ class ProportionalDerivative(Control):
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
         """Faults of every law, and motors without a joint."""
         yield from super().faults(walker)
+        other = self.other_reference
+        if other is not None and not (isinstance(self.reference, BezierReference) and _alike(self.reference, other)):
+            words = "differs from the reference in more than its control points: give both joints, degree and argument"
+            yield ("other_reference",), f"{words}, {{bezier: ...}}, alike"
         if len(walker.tracked) != len(walker.actuators):
             yield (
                 ("type",),
@@ -81,6 +98,12 @@ class ProportionalDerivative(Control):
         target, active = curve.weighted(now, now.p.reference, (kp, kd))
         u = -active * (kp * angles + kd * rates - target)
         return {motor[joint]: torque for joint, torque in zip(curve.names, vertsplit(u), strict=True)}
+
+
+def _alike(one: BezierReference, other: BezierReference) -> bool:
+    """Whether two references differ at most in the values of their control points."""
+    stated = [reference.model_dump(exclude={"bezier"}) for reference in (one, other)]
+    return {*one.parameters} == {*other.parameters} and stated[0] == stated[1]
 
 
 def _angles(now: Instant, joints: Sequence[str]) -> tuple[SX, SX]:

@@ -112,7 +112,7 @@ class _StatementReader:
             end = self._data.get("until")
             until = None if end is None else self._section(UntilSection, end, ("until",))
             fields["until"] = None if until is None else Until(**dict(until))
-            self._check_swapped_friction(2)
+            self._check_swapped(2)
         fields |= {"walker": self._walker, "control": self._control, "modes": self._modes, "start": guess}
         fields["cycle_end"] = self._cycle_end
         if self._control and self._model and not self._control.restarts and self._cycle_end != CLOCK:
@@ -189,8 +189,10 @@ class _StatementReader:
         self._laws = {name: read[name] if name in read else getattr(section, name) for name in model.contacts}
         return self._laws
 
-    def _check_swapped_friction(self, steps: int) -> None:
+    def _check_swapped(self, steps: int) -> None:
         """Check that contacts that swap roles at the end of a step have the same friction, unless they swap back.
+
+        So do two parameters of a control law that take each other's values.
 
         Parameters
         ----------
@@ -208,6 +210,11 @@ class _StatementReader:
                 continue
             difference = f"differs from that of {other}, with which it swaps places after every step"
             self._fault(("friction", name), f"{difference}: {remedy}")
+        if self._control is not None and self._control.exchanged and (within or steps % 2):
+            key = next(iter(self._control.exchanged.values())).partition(".")[0]
+            words = "is not possible, since a cycle does not end with a landing: leave it out"
+            words = words if within else "applies in every second step: state the phases of 2, 4, ... steps"
+            self._fault(("control", key), words)
 
     def _read_walker(self) -> tuple[type[Walker] | None, Walker | None]:
         """The class of the walker, and the walker with its parameters."""
@@ -364,7 +371,7 @@ class _StatementReader:
             return self._read_open_gait(gait)
         steps = gait.steps if isinstance(gait, CycleSection) else (gait,)
         cycle = self._read_cycle(steps, ("gait", "steps" if kind is CycleSection else "phases"), landings)
-        self._check_swapped_friction(len(steps))
+        self._check_swapped(len(steps))
         if {*FirstGuessSection.model_fields} & {*gait.guess}:
             return cycle, self._read_first_guess(gait.guess, steps)
         path, phases = ("gait", "guess"), [mode for step in steps for mode in step.phases]
@@ -620,7 +627,7 @@ class _StatementReader:
             return None, None
         fewest_steps = 1 if self._model is None else self._model.steps_per_cycle()
         sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, fewest_steps))
-        self._check_swapped_friction(1)
+        self._check_swapped(1)
         if "steps" in gait.model_fields_set and gait.steps < fewest_steps:
             self._fault(("gait", "steps"), UNEVEN.format(gait.steps))
         if gait.guess is not None and {*FirstGuessSection.model_fields} & {*gait.guess}:

@@ -635,7 +635,7 @@ def _law_texts(law: Control, completed: Control, record: OrbitRecord, exact: Exa
             )
 
     parameters = {f"control.{key}" for key in (*law.parameters, *completed.parameters)}
-    parameters |= {key.replace("control.reference.", "control.reference.bezier.") for key in parameters}
+    parameters |= {key.replace("reference.", "reference.bezier.", 1) for key in parameters}
     for key, value in law.record.items():
         if key != "type":
             add(key, value)

@@ -19,7 +19,7 @@ need not coincide with h, because their distance from h produces the torques of 
 In both cases du is linear in the control points c, and so are the contact forces f = f_gait + F du. The program is
 
     minimise    mean |du|^2 / mean |u|^2  +  mean |h_d - h|^2        in natural units
-    subject to  mu f_n - |f_t| >= margin while the foot sticks,   f_n >= margin,   |u| <= largest torque
+    subject to  mu f_n - |f_t| >= margin where a contact sticks,   f_n >= margin,   |u| <= largest torque
 
 It is always feasible, because a slack with a large weight relaxes the constraints. The slack is part of the result.
 
@@ -30,15 +30,17 @@ Westervelt, Grizzle & Koditschek (2003), Hybrid zero dynamics of planar biped wa
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from casadi import Sparsity, conic
+from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.building import building, built_once
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.measures import observe
+from gaitopt.gait.measures import observe, sharing_contacts
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered_map
 from gaitopt.model.control import ConstantTorque
@@ -59,6 +61,8 @@ ANGLE_WEIGHTS = {"constraints": 1.0, "pd": 1e-2}
 """Weight of the distance between curves and joints. Under PD control it only keeps the program well-posed."""
 INVARIANT_POINTS = (0, 1, -2, -1)
 """Control points that the invariance under the impact determines."""
+SINGULAR = 1e-9
+"""A matrix is singular if its least singular value, relative to the largest one, is below this number."""
 SMALLEST_DEGREE = 4
 """Smallest degree of an invariant curve that has a free control point."""
 
@@ -76,9 +80,12 @@ class Joints:
     torques : ndarray, shape (N, m) - torques of the gait [N m].
     response : ndarray, shape (N, m, m) - b, the change of h'' per torque.
     phase_response : ndarray, shape (N, m) - a, the change of x'' per torque.
-    force, force_response : ndarrays, shape (N, 2), (N, 2, m) - (f_t, f_n) of the gait [N], and their change per torque.
-    sticks : boolean ndarray, shape (N,) - whether the foot sticks.
-    friction, weight : static coefficient, and a typical normal force [N].
+    at : ndarray of integers, shape (R,) - the sample of each of the R contact forces: those of every contact on the
+        ground, or of contacts that share undetermined forces, at every sample; none in flight.
+    force, force_response : ndarrays, shape (R, 2), (R, 2, m) - (f_t, f_n) of the gait [N], and their change per torque.
+    sticks : boolean ndarray, shape (R,) - whether the contact sticks.
+    friction : ndarray, shape (R,) - static coefficient of the contact.
+    weight : a typical normal force [N].
     ranges : ndarray, shape (2, m) - smallest and largest angle of each joint; infinite if its links state none.
     """
 
@@ -91,44 +98,50 @@ class Joints:
     torques: Array
     response: Array
     phase_response: Array
+    at: NDArray[np.intp]
     force: Array
     force_response: Array
     sticks: Array
-    friction: float
+    friction: Array
     weight: float
     ranges: Array
 
     @classmethod
-    def of(cls, gait: Gait, names: Sequence[str], motors: Sequence[str], phase: str) -> "Joints":
-        """The joints along a gait of one step with one foot on the ground.
+    def of(cls, gait: Gait, names: Sequence[str], motors: Sequence[str], phase: str, step: int = 0) -> "Joints":
+        """The joints along a step of a gait.
 
         Parameters
         ----------
         names, motors : the joints, and the motor of each; see ``HybridSystem.angle_names``.
         phase : ``CLOCK`` or the name of an angle.
+        step : number of the step, from 0.
         """
-        system, walker = gait.system, gait.system.walker
+        arcs = gait.steps[step].arcs
+        dynamics = arcs[0].dynamics
+        system, walker = dynamics.system, dynamics.system.walker
         driven = _idle(system.shared)
-        known = {key: value for key, value in gait.dynamics.parameters.items() if not key.startswith("control.")}
+        known = {key: value for key, value in dynamics.parameters.items() if not key.startswith("control.")}
         columns = [system.angle_names.index(name) for name in names]
         used = [walker.actuators.index(name) for name in motors]
-        n_q, samples = len(walker.coordinates()), list[tuple[Array, ...]]()
+        n_q, samples, contacts = len(walker.coordinates()), list[tuple[Array, ...]](), list[tuple[Any, ...]]()
+        place, count = {name: k for k, name in enumerate(walker.contact_names())}, 0
 
         def under(arc: Arc, torques: Mapping[str, float]) -> tuple[Array, Array]:
-            """Accelerations (N, n_q) and contact forces (N, 2) at the states of an arc under constant torques."""
+            """Accelerations (N, n_q) and the contact forces, (N, contacts, 2), along an arc under constant torques."""
             p = driven.values({**known, **{f"control.{name}": value for name, value in torques.items()}})
             inputs = (arc.times[:, None], arc.states, p, driven.data(0))
             rate = buffered_map(driven.flow(arc.mode), arc.times.size)(*inputs)[0][:, n_q:].copy()
-            return rate, buffered_map(driven.observation(arc.mode), arc.times.size)(*inputs)[0][:, :2].copy()
+            forces = buffered_map(driven.observation(arc.mode), arc.times.size)(*inputs)[0].copy()
+            return rate, forces.reshape(arc.times.size, -1, 2)
 
-        for arc in gait.arcs:
+        for arc in arcs:
             n = arc.times.size
             evaluated = buffered_map(system.angles, n)
-            angles, rates = (values.copy() for values in evaluated(arc.states, gait.p))
+            angles, rates = (values.copy() for values in evaluated(arc.states, dynamics.p))
             by_rate = list[Array]()  # rates of the angles are linear in those of the coordinates
             for one in np.eye(n_q):
                 states = np.concatenate([arc.states[:, :n_q], np.tile(one, (n, 1))], axis=1)
-                by_rate.append(evaluated(states, gait.p)[1].copy())
+                by_rate.append(evaluated(states, dynamics.p)[1].copy())
             passive, force = under(arc, {})
             unit = [under(arc, {name: 1.0}) for name in motors]
             response = np.einsum("knj,nkm->njm", by_rate, np.stack([u[0] - passive for u in unit], axis=2))
@@ -145,18 +158,29 @@ class Joints:
                     observed.torque[:, used],
                     response[:, columns],
                     np.zeros((n, len(used))) if k is None else response[:, k],
-                    observed.force[:, :2],
-                    np.stack([u[1] - force for u in unit], axis=2),
-                    np.full(n, arc.mode.sticks),
                 )
             )
-        t, w, x, h, u, b, a, f, F, sticks = (np.concatenate(columns) for columns in zip(*samples, strict=True))
-        scales, limits = gait.dynamics.scales, joint_limits(walker)
+            by_torque = np.stack([u[1] - force for u in unit], axis=3)
+            for names_on in sharing_contacts(walker, arc.mode):
+                of = [place[name] for name in names_on]
+                contacts.append(
+                    (
+                        count + np.arange(n),
+                        observed.force.reshape(n, -1, 2)[:, of].sum(axis=1),
+                        by_torque[:, of].sum(axis=1),
+                        np.full(n, not arc.mode.directions[names_on[0]]),
+                        np.full(n, min(dynamics.contact_friction[name] for name in names_on)),
+                    )
+                )
+            count += n
+        t, w, x, h, u, b, a = (np.concatenate(columns) for columns in zip(*samples, strict=True))
+        at, f, F, sticks, friction = (np.concatenate(columns) for columns in zip(*contacts, strict=True))
+        scales, limits = dynamics.scales, joint_limits(walker)
         spans = ((limits[name][0] if name in limits else None) or (-np.inf, np.inf) for name in names)
         return cls(
             names=tuple(names), motors=tuple(motors), t=t, weights=w / w.sum(), phase=x, angles=h.transpose(1, 0, 2),
-            torques=u, response=b, phase_response=a, force=f, force_response=F, sticks=sticks,
-            friction=gait.dynamics.static_friction, weight=scales.energy / scales.length,
+            torques=u, response=b, phase_response=a, at=at, force=f, force_response=F, sticks=sticks,
+            friction=friction, weight=scales.energy / scales.length,
             ranges=np.array([*spans]).T,
         )  # fmt: skip
 
@@ -178,20 +202,33 @@ class Joints:
         return np.asarray(self.angles[1] / self.phase[:, 1:2])
 
     @property
-    def inverse(self) -> Array:
-        """D^-1 along the gait, shape (N, m, m).
+    def decoupling(self) -> Array:
+        """The decoupling matrix D along the gait, shape (N, m, m)."""
+        return np.asarray(self.response - self.slopes[:, :, None] * self.phase_response[:, None, :])
 
-        Raises
-        ------
-        LinAlgError
-            If the motors do not determine the joints.
+    @property
+    def singular_at(self) -> float | None:
+        """Time at which the motors cannot move the joints apart from the phase, because D is singular [s]; or None."""
+        D = self.decoupling
+        sizes, signs = np.linalg.svd(D, compute_uv=False), np.sign(np.linalg.det(D))
+        singular = (sizes[:, -1] <= SINGULAR * sizes[:, 0].max()) | (signs != signs[0])
+        return float(self.t[singular][0]) if singular.any() else None
+
+    @property
+    def inertia(self) -> float:
+        """A typical torque per acceleration of a joint [kg m^2, or kg], where motors can accelerate the joints."""
+        inverse = np.linalg.pinv(self.response, rcond=SINGULAR)
+        largest = np.linalg.eigvalsh(inverse).max(axis=1)
+        return float(np.median(largest[largest > 0]))
+
+    def basis(self, degree: int, span: tuple[float, float] | None = None) -> tuple[Array, Array, Array]:
+        """The Bernstein polynomials B and their derivatives B' and B'' in the phase, shape (N, degree + 1) each.
+
+        Parameters
+        ----------
+        span : values of the phase between which they are defined; by default those at the ends of the step.
         """
-        D = self.response - self.slopes[:, :, None] * self.phase_response[:, None, :]
-        return np.asarray(np.linalg.inv(D), dtype=float)
-
-    def basis(self, degree: int) -> tuple[Array, Array, Array]:
-        """The Bernstein polynomials B and their derivatives B' and B'' in the phase, shape (N, degree + 1) each."""
-        start, end = self.span
+        start, end = self.span if span is None else span
         s = (self.phase[:, 0] - start) / (end - start)
         values, first, second = (bernstein_matrix(degree, s, k) / (end - start) ** k for k in range(3))
         return values, first, second
@@ -244,7 +281,7 @@ def invariant_curves(joints: Joints, degree: int, largest: Mapping[str, float]) 
     step = joints.slopes[[0, -1]] * (end - start) / degree
     points[:, INVARIANT_POINTS] = np.stack([h[0], h[0] + step[0], h[-1] - step[1], h[-1]], axis=1)
     acceleration = second * x1**2 + first * x2  # acceleration of a joint per control point
-    inverse = joints.inverse
+    inverse = np.linalg.inv(joints.decoupling)
     du = np.einsum("nij,nk->nijk", inverse, acceleration)
     gait = -np.einsum("nij,nj->ni", inverse, h2)
     return _fitted(
@@ -260,12 +297,21 @@ def invariant_curves(joints: Joints, degree: int, largest: Mapping[str, float]) 
 
 
 def tracked_curves(
-    joints: Joints, degree: int, gains: tuple[float, float], largest: Mapping[str, float]
+    joints: Joints,
+    degree: int,
+    gains: tuple[float, float],
+    largest: Mapping[str, float],
+    span: tuple[float, float] | None = None,
 ) -> FittedCurves:
-    """Curves over the phase, or the clock, that joints track by PD control with gains (kp, kd)."""
+    """Curves over the phase, or the clock, that joints track by PD control with gains (kp, kd).
+
+    Parameters
+    ----------
+    span : see ``Joints.basis``.
+    """
     kp, kd = gains
     h, h1, _ = joints.angles
-    values, first, _ = joints.basis(degree)
+    values, first, _ = joints.basis(degree, span)
     m = len(joints.names)
     du = np.einsum("ij,nk->nijk", np.eye(m), kp * values + kd * first * joints.phase[:, 1:2])
     gait = -(kp * h + kd * h1) - joints.torques
@@ -341,13 +387,14 @@ def _range_constraints(joints: Joints, E: Array, known: Array) -> tuple[Array, A
 
 
 def _constraints(joints: Joints, U: Array, u0: Array, largest: Mapping[str, float]) -> tuple[Array, Array]:
-    """Rows A and bounds b of A x >= b for the cone while the foot sticks, the normal force and the largest torques."""
-    f = joints.force + np.einsum("nij,nj->ni", joints.force_response, u0)
-    F = np.einsum("nij,njx->nix", joints.force_response, U)
+    """Rows A and bounds b of A x >= b: the cone where a contact sticks, the normal forces, and the largest torques."""
+    f = joints.force + np.einsum("nij,nj->ni", joints.force_response, u0[joints.at])
+    F = np.einsum("nij,njx->nix", joints.force_response, U[joints.at])
     rows, bounds, sticks = list[Array](), list[Array](), joints.sticks
-    for direction in ((1, joints.friction), (-1, joints.friction)):
-        rows.append(np.einsum("nix,i->nx", F[sticks], direction) / joints.weight)
-        bounds.append(FORCE_MARGIN * joints.friction - f[sticks] @ direction / joints.weight)
+    mu = joints.friction[sticks]
+    for sign in (1, -1):
+        rows.append((sign * F[sticks, 0] + mu[:, None] * F[sticks, 1]) / joints.weight)
+        bounds.append(FORCE_MARGIN * mu - (sign * f[sticks, 0] + mu * f[sticks, 1]) / joints.weight)
     rows.append(F[:, 1] / joints.weight)
     bounds.append(FORCE_MARGIN - f[:, 1] / joints.weight)
     for k, motor in enumerate(joints.motors):

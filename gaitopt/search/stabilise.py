@@ -6,7 +6,7 @@ The law is one of three. Under **virtual constraints** the joints with motors fo
 which are invariant under the impact: what is left of the motion has one degree of freedom, and its multiplier is
 delta^2 of the zero dynamics. The walker must have one motor less than shape coordinates. Under **PD control** the
 joints track curves over the clock or over a phase; the gains are raised until the spectral radius is below its bound.
-**Feedback from step to step** keeps the law of the gait and corrects its parameters once per step.
+**Feedback from step to step** keeps the law of the gait and corrects its parameters once per cycle.
 
 The curves come from a quadratic program along the motion of the gait, see ``gaitopt.search.joint_curves``. Their degree
 is the smallest one at which they fit, or the requested one.
@@ -26,12 +26,16 @@ from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.measures import exceeded_limits, peak_torques
 from gaitopt.gait.records import GaitRecord
+from gaitopt.gait.trajectory import Step
 from gaitopt.model.buffered import buffered
+from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.declaration import joint_limits
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.virtual_constraints import FootModel, VirtualConstraints
 from gaitopt.model.walker import WalkerType
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.statement import guessed_names
 from gaitopt.requests import FeedbackLaw, StabiliseRequest
 from gaitopt.search.joint_curves import (
     CLOCK,
@@ -169,13 +173,13 @@ def stabilise(
     SolveError
         If the gait is a failed solve, or no law has a gait near it.
     ProblemError
-        If the walker has no motors or too few of them for virtual constraints, if the gait has several steps or
-        contacts, or if no phase is monotone along it.
+        If the walker has no motors or too few of them for virtual constraints, if no phase is monotone along the gait,
+        or if the law has no parameters to correct.
     KeyboardInterrupt
         If ``should_stop`` ends it.
     """
     _check(gait)
-    law = request.law or (FeedbackLaw.CONSTRAINTS if _driven(gait) else FeedbackLaw.PD)
+    law = request.law or _default_law(gait)
     return _Search(gait, request, law, say, should_stop).run()
 
 
@@ -308,12 +312,12 @@ def _check(gait: Gait) -> None:
         raise SolveError(f"{name} is {gait.status}: there is no gait to stabilise")
     if not walker.actuators:
         raise ProblemError(f"{name}: the {walker.model} has no motors: no law acts on it")
-    if len(gait.steps) > 1:
-        raise ProblemError(f"{name} has cycles of {len(gait.steps)} steps; name a gait that repeats after every step")
-    if any(len(arc.mode.touching) != 1 for arc in gait.arcs):
-        raise ProblemError(
-            f"{name}: there is not one contact on the ground at every time; only such gaits are repeated"
-        )
+
+
+def _default_law(gait: Gait) -> FeedbackLaw:
+    if len(gait.steps) > 2 or gait.problem.cycle_end != TOUCHDOWN:
+        return FeedbackLaw.STEP
+    return FeedbackLaw.CONSTRAINTS if _driven(gait) and len(gait.steps) == 1 else FeedbackLaw.PD
 
 
 def _driven(gait: Gait) -> tuple[str, ...]:
@@ -336,27 +340,45 @@ def _efforts(walker: WalkerType) -> dict[str, float]:
     return {name: effort for name, effort in efforts.items() if effort is not None}
 
 
-def _along_phase(gait: Gait, names: Sequence[str], motors: Sequence[str], stated: str | None) -> tuple[Joints, str]:
-    """Joints along the stated phase, or along the first monotone one; phases that the walker names are tried first.
+def _along_phase(
+    gait: Gait, names: Sequence[str], motors: Sequence[str], stated: str | None, *, decoupled: bool = False
+) -> tuple[list[Joints], str]:
+    """Joints of each step along the stated phase, or along the first monotone one; those that the walker names first.
+
+    Parameters
+    ----------
+    decoupled : whether the motors have to move the joints apart from the phase.
 
     Raises
     ------
     ProblemError
-        If the walker has no such phase, or if it is not monotone.
+        If the walker has no such phase, if it is not monotone, or if the motors only move the joints along with it.
     """
     name, walker = gait.problem.name, gait.system.walker
     known = [phase for phase in (*walker.phases, *walker.shape) if phase not in names]
     if stated is not None and stated not in known:
         words = "is an output itself" if stated in names else f"is no phase variable of the {walker.model}"
         raise ProblemError(f"{name}: {stated!r} {words}; it has {', '.join(known) or 'none'}")
-    rates = list[str]()
+    rates, singular = list[str](), list[str]()
     for phase in known if stated is None else [stated]:
-        joints = Joints.of(gait, names, motors, phase)
-        if joints.smallest_rate > MONOTONE:
+        joints = _of_steps(gait, names, motors, phase)
+        least = min(each.smallest_rate for each in joints)
+        if least <= MONOTONE:
+            rates.append(f"{phase} ({least:.2g})")
+            continue
+        times = [each.singular_at for each in joints if decoupled and each.singular_at is not None]
+        if not times:
             return joints, phase
-        rates.append(f"{phase} ({joints.smallest_rate:.2g})")
+        singular.append(f"over {phase}, {times[0]:.4g} s after the impact")
+    if singular:
+        words = f"the motors cannot accelerate {', '.join(names)} apart from the phase ({'; '.join(singular)})"
+        raise ProblemError(f"{name}: {words}, where the decoupling matrix is singular; use a PD law over the clock")
     words = f"least rate relative to the mean: {', '.join(rates)}"
     raise ProblemError(f"{name}: no phase is monotone along the gait ({words}); use a PD law over the clock")
+
+
+def _of_steps(gait: Gait, names: Sequence[str], motors: Sequence[str], phase: str) -> list[Joints]:
+    return [Joints.of(gait, names, motors, phase, step) for step in range(len(gait.steps))]
 
 
 def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[Iterable[Candidate]]:
@@ -368,6 +390,10 @@ def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[I
     if law is FeedbackLaw.STEP:
         yield from ([candidate] for candidate in _corrections(gait))
         return
+    if gait.problem.cycle_end != TOUCHDOWN:
+        end = gait.problem.cycle_end
+        words = "the clock of its law, which no other law has" if end == CLOCK else f"{end}, where no step begins"
+        raise ProblemError(f"{name}: a cycle ends with {words}; use step_feedback")
     if law is FeedbackLaw.CONSTRAINTS:
         motors = _driven(gait)
         if not motors:
@@ -376,7 +402,10 @@ def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[I
                 f"{name}: virtual constraints need one motor less than shape coordinates; {words}: use a PD law, or a "
                 "gait in which one motor less is used"
             )
-        joints, phase = _along_phase(gait, motors, motors, request.phase)
+        if len(gait.steps) > 1:
+            words = f"it has {len(gait.steps)} steps, in all of which virtual constraints have the same curves"
+            raise ProblemError(f"{name}: {words}: use pd or step_feedback")
+        (joints,), phase = _along_phase(gait, motors, motors, request.phase, decoupled=True)
         degrees = range(SMALLEST_DEGREE, MOST_DEGREE + 1) if request.degree is None else [request.degree]
         fits = [invariant_curves(joints, degree, efforts) for degree in degrees]
         close = [fit for fit in fits if fit.deviation < CLOSE and fit.violation <= VIOLATED]
@@ -396,22 +425,27 @@ def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[I
         return
     if len(walker.tracked) != len(walker.actuators):
         raise ProblemError(f"{name}: the {walker.model} does not define `tracked`, the joint of each motor")
+    if len(gait.steps) > 2:
+        words = f"it has {len(gait.steps)} steps; a PD law has a reference for the first one and one for the other"
+        raise ProblemError(f"{name}: {words}: use step_feedback")
     if request.phase in (None, CLOCK):
-        joints, phase = Joints.of(gait, walker.tracked, walker.actuators, CLOCK), CLOCK
+        of_steps, phase = _of_steps(gait, walker.tracked, walker.actuators, CLOCK), CLOCK
     else:
-        joints, phase = _along_phase(gait, walker.tracked, walker.actuators, request.phase)
+        of_steps, phase = _along_phase(gait, walker.tracked, walker.actuators, request.phase)
     tracked = PD_DEGREES if request.degree is None else (request.degree,)
-    inertia = float(np.median(np.linalg.eigvalsh(np.linalg.inv(joints.response)).max(axis=1)))
+    inertia = float(np.mean([each.inertia for each in of_steps]))
     for multiple in MULTIPLES:
         rate = multiple / gait.dynamics.scales.time
         gains = inertia * rate**2, 2 * inertia * rate
-        yield (_tracking(gait, joints, phase, degree, gains) for degree in tracked)
+        yield (_tracking(gait, of_steps, phase, degree, gains) for degree in tracked)
 
 
 def _corrections(gait: Gait) -> Iterator[Candidate]:
     """The law of the gait with feedback from step to step: regulators, then gains with a small spectral radius."""
     problem = gait.problem.with_fixed(gait.freed) if gait.problem.free else gait.problem
     law = problem.control
+    if isinstance(law, NoControl):
+        law = ConstantTorque.model_validate(dict.fromkeys(problem.walker.actuators, 0.0))
     keys = [f"control.{key}" for key in law.parameters if not key.startswith("limits.")]
     if not keys or law.unknowns(type(problem.walker)):
         words = "has unknowns of a design: give their values" if keys else "has no parameters that could be corrected"
@@ -423,20 +457,26 @@ def _corrections(gait: Gait) -> Iterator[Candidate]:
         yield {**law.record, "step_feedback": {"design": design}}, None, None, "", gait
 
 
-def _tracking(gait: Gait, joints: Joints, phase: str, degree: int, gains: tuple[float, float]) -> Candidate:
-    """PD control with gains (kp, kd)."""
-    fitted, (start, end) = tracked_curves(joints, degree, gains, _efforts(type(gait.problem.walker))), joints.span
+def _tracking(gait: Gait, of_steps: Sequence[Joints], phase: str, degree: int, gains: tuple[float, float]) -> Candidate:
+    """PD control with gains (kp, kd), with a reference for each step."""
+    ends, efforts = np.array([joints.span for joints in of_steps]), _efforts(type(gait.problem.walker))
+    grows = ends[0, 1] > ends[0, 0]
+    start, end = float((min if grows else max)(ends[:, 0])), float((max if grows else min)(ends[:, 1]))
+    fits = [tracked_curves(joints, degree, gains, efforts, (start, end)) for joints in of_steps]
     argument = {"duration": end, "beyond_end": "linear"} if phase == CLOCK else {"phase": phase, "span": [start, end]}
-    reference = {"bezier": fitted.rows(joints.names), **argument}
-    control = {"type": ProportionalDerivative.type, "kp": gains[0], "kd": gains[1], "reference": reference}
-    return control, fitted, joints, phase, gait
+    motions = [{"bezier": fit.rows(joints.names), **argument} for fit, joints in zip(fits, of_steps, strict=True)]
+    references = dict(zip(("reference", "other_reference"), motions, strict=False))
+    control = {"type": ProportionalDerivative.type, "kp": gains[0], "kd": gains[1], **references}
+    worst = max(range(len(fits)), key=lambda k: fits[k].deviation)
+    return control, fits[worst], of_steps[worst], phase, gait
 
 
 def _problem(gait: Gait, control: Mapping[str, Any], near: Gait) -> Problem:
     """The problem of a gait with another law, and with the motion of a gait nearby as its guess."""
     given, record = gait.problem, cast(GaitRecord, near.to_record())
     plain = replace(given, free={}, objective={}, constraints={}, over=None, origin=None, file=None)
-    state = {name: record["state"][name] for name in gait.system.section(gait.cycle).names}
+    names = guessed_names(type(given.walker), gait.cycle, given.cycle_end)
+    state = {name: record["state"][name] for name in names}
     durations = [phase["duration"] for phase in record["phases"]]
     changes: dict[str, object] = {key: v for key, v in gait.freed.items() if not key.startswith("control.")}
     changes |= {"control": dict(control), "gait.guess": {"state": state, "durations": durations}}
@@ -461,17 +501,17 @@ def _rank(made: Stabilised) -> tuple[int, float]:
 
 
 def _distance(one: Gait, other: Gait) -> float:
-    """Largest difference of a shape coordinate between two gaits, at equal fractions of the step [rad, or m]."""
-    first, second = (_postures(gait) for gait in (one, other))
-    return float(np.abs(first - second).max())
+    """Largest difference of a shape coordinate between two gaits, at equal fractions of each step [rad, or m]."""
+    pairs = zip(one.steps, other.steps, strict=True)
+    return max(float(np.abs(_postures(first) - _postures(second)).max()) for first, second in pairs)
 
 
-def _postures(gait: Gait) -> Array:
-    """Shape coordinates at equal fractions of the step, shape (COMPARED, n_shape)."""
-    times, n = np.linspace(0, gait.arcs[-1].end, COMPARED), len(gait.system.walker.shape)
-    index = np.searchsorted([arc.end for arc in gait.arcs[:-1]], times)
+def _postures(step: Step) -> Array:
+    """Shape coordinates at equal fractions of a step, shape (COMPARED, n_shape)."""
+    times, n = np.linspace(0, step.arcs[-1].end, COMPARED), len(step.arcs[0].dynamics.system.walker.shape)
+    index = np.searchsorted([arc.end for arc in step.arcs[:-1]], times)
     rows = list[Array]()
-    for k, arc in enumerate(gait.arcs):
+    for k, arc in enumerate(step.arcs):
         s = np.clip(2 * (times[index == k] - arc.start) / arc.duration - 1, -1, 1)
         rows.append(curves.evaluate(curves.coefficients(arc.states[:, :n]), s))
     return np.concatenate(rows)

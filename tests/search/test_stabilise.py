@@ -1,5 +1,8 @@
 """Feedback laws that walk known gaits: invariance, optimality of the curves, what the simulator says of the result."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from named import named as gait
@@ -7,6 +10,9 @@ from named import named as gait
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, StorageError
 from gaitopt.model.curve import bernstein_matrix
+from gaitopt.model.walkers.heel_toe import HeelToe
+from gaitopt.model.walkers.hopper import Hopper
+from gaitopt.problem.statement import problem_data
 from gaitopt.search.joint_curves import CLOCK, Joints, invariant_curves, tracked_curves
 
 MOTORS = ("stance_hip", "stance_knee", "swing_hip", "swing_knee")
@@ -152,8 +158,8 @@ def test_the_range_of_a_joint_is_an_objection(walked, monkeypatch):
 @pytest.mark.parametrize(
     ("start", "words", "options"),
     [
-        (lambda: gait("compass-passive-two-step"), "cycles of 2 steps", {}),
-        (lambda: gait("crawler"), "not one contact on the ground", {}),
+        (lambda: gait("kneed-passive"), "has no motors", {}),
+        (lambda: gait("crawler"), "ends with the clock of its law", {"law": "pd"}),
         (lambda: gait("compass-torque-stick"), "one motor less than shape coordinates", {"law": "virtual_constraints"}),
         (lambda: gait("rabbit-optimal"), "'hip' is no phase variable of the rabbit", {"phase": "hip"}),
         (lambda: gait("rabbit-optimal"), r"no phase is monotone .* torso", {"phase": "torso"}),
@@ -201,5 +207,84 @@ def test_feedback_from_step_to_step_keeps_the_law_and_the_motion_of_a_gait():
     smaller = go.stabilise(given, law="step_feedback", radius=0.3, progress=False)
     assert smaller.gait.spectral_radius < 0.3
     assert "lqr with weight 1 of the parameters: spectral radius 0.7865" in smaller.attempts[0]
-    with pytest.raises(ProblemError, match="passive-a"):
-        go.stabilise(gait("compass-passive-a"), law="step_feedback", progress=False)
+
+
+@pytest.mark.parametrize("name", ["compass-passive-two-step", "crawler"])
+def test_cycles_of_several_steps_and_of_a_clock_are_corrected_once_per_cycle(name):
+    made = go.stabilise(gait(name), law="step_feedback", progress=False)
+    assert made.objections == ()
+    assert made.gait.verification["passed"]
+    assert made.gait.spectral_radius < gait(name).spectral_radius
+    assert made.distance < 1e-10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["compass-unequal", "compass-passive-two-step"])
+def test_pd_control_repeats_two_steps_that_differ(name):
+    """Walks that start next to the gait approach it with the multiplier of the equations."""
+    given = gait(name)
+    made = go.stabilise(given, law="pd", progress=False)
+    assert made.objections == ()
+    assert made.distance < 1e-4
+    steps = made.gait.steps
+    assert [step.arcs[0].dynamics.parameters["control.reference.theta2.3"] for step in steps] == [
+        made.problem.parameters[f"control.{which}.theta2.3"] for which in ("reference", "other_reference")
+    ]
+    section = made.gait.system.section(made.gait.cycle)
+    start = made.gait.state[section.indices] * (1 + 1e-5)
+    walked = go.simulate(made.gait, state=dict(zip(section.names, start, strict=True)), steps=8)
+    ends = walked.trajectory.section_states[:: len(steps)][:, section.indices] - made.gait.state[section.indices]
+    sizes = np.linalg.norm(ends, axis=1)
+    assert sizes[-1] < 0.1 * sizes[0]
+    assert made.gait.spectral_radius < given.spectral_radius
+
+
+class DrivenHopper(Hopper):
+    """The hopper with a motor in its leg."""
+
+    model = "driven_hopper"
+    actuators = ("leg_motor",)
+    tracked = ("shortening",)
+
+    @classmethod
+    def mechanism(cls, q, p):
+        return replace(super().mechanism(q, p), motors=(q.shortening,))
+
+
+class DrivenHeelToe(HeelToe):
+    """The walker on heels and toes with motors at the stance ankle and at the hip."""
+
+    model = "driven_heel_toe"
+    actuators = ("ankle", "hip")
+    tracked = ("theta1", "theta2")
+
+    @classmethod
+    def mechanism(cls, q, p):
+        return replace(super().mechanism(q, p), motors=(q.theta1, q.theta1 + q.theta2))
+
+
+@pytest.mark.parametrize(
+    ("name", "walker", "close"),
+    [("hopper", DrivenHopper, 0.1), pytest.param("heel-toe", DrivenHeelToe, 1e-3, marks=pytest.mark.slow)],
+)
+def test_pd_control_repeats_gaits_with_flight_and_with_several_contacts(name, walker, close):
+    data = problem_data(go.load_problem(name))
+    data["walker"]["model"] = walker.model
+    given = go.solve(go.parse_problem(json.dumps(data), walkers=[walker]), progress=False)
+    made = go.stabilise(given, law="pd", progress=False)
+    assert made.objections == ()
+    assert made.gait.verification["passed"]
+    assert made.gait.problem.cycle == given.problem.cycle
+    assert made.distance < close
+
+
+def test_the_decoupling_matrix_is_singular_where_the_effect_of_a_motor_changes_its_sign():
+    joints = Joints.of(gait("rabbit-optimal"), MOTORS, MOTORS, "stance_leg")
+    assert joints.singular_at is None
+    effect = np.where(joints.t[:, None] < 0.2, [1, 1, 1, 1], [1, 1, -1, 1])
+    turning = replace(
+        joints,
+        response=joints.response * effect[:, None, :],
+        phase_response=joints.phase_response * effect,
+    )
+    assert turning.singular_at == joints.t[joints.t >= 0.2][0]
