@@ -8,13 +8,14 @@ stance foot and impulses of the swing foot follow by the formulas of Gamus & Or 
 
 import importlib.util
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
 from gaitopt import Mode, Walker
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 SLIPS = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
 FRICTION = 0.23
+IN_LINE_AFTER = 0.4
+"""Time of a step in which the legs, in line at its start, have parted [s]."""
 
 
 @cache
@@ -122,9 +125,9 @@ class Oracle:
         )
         return kinetic - sum(m.mass * self.gravity @ m.point.position(q) for m in self.masses) + self.spring(q)
 
-    def force(self, q: Array, dq: Array, slip: int, friction: float) -> tuple[Array, Array]:
+    def force(self, q: Array, dq: Array, slip: int, friction: float, drive: Array | float = 0.0) -> tuple[Array, Array]:
         """Force on the stance foot that sticks (``slip`` 0) or slips, and accelerations: eqs (2), (3), (5), (6)."""
-        M, bias = self.M(q), self.B(q, dq) + self.G(q)
+        M, bias = self.M(q), self.B(q, dq) + self.G(q) - drive
         W = np.eye(q.size)[-2:]
         ratio = np.array([-friction * slip, 1])
         if slip:
@@ -143,12 +146,61 @@ class Oracle:
             F = -np.linalg.solve(W @ np.linalg.solve(M, W.T), W @ dq)
         return F, dq + np.linalg.solve(M, W.T @ F)
 
+    def swing(
+        self, q: Sequence[float], dq: Sequence[float], drive: Callable[..., Array | float] = lambda q, dq, t: 0.0
+    ) -> tuple[Array, Array, float]:
+        """Coordinates, rates and time where the legs, of one length, are in line again; the stance foot sticks."""
+        n = len(q)
+
+        def rates(t: float, y: Array) -> Array:
+            return np.concatenate([y[n:], self.force(y[:n], y[n:], 0, 0.0, drive(y[:n], y[n:], t))[1]])
+
+        def in_line(t: float, y: Array) -> float:
+            return y[0] - y[1] if t > IN_LINE_AFTER else -1.0
+
+        in_line.terminal, in_line.direction = True, 1
+        end = solve_ivp(rates, (0, 10), [*q, *dq], "DOP853", events=in_line, rtol=1e-12, atol=1e-13)
+        return end.y[:n, -1], end.y[n:, -1], end.t[-1]
+
     def angular_momentum(self, about: Array, q: Array, dq: Array) -> float:
         """Angular momentum about a fixed point, clockwise as the angles, from the normal towards downhill."""
         return sum(
             -m.mass * cross(m.point.position(q) - about, m.point.velocity(q, dq)) + m.inertia * dq[m.turns_with]
             for m in self.masses
         )
+
+
+def up(angle: float) -> Array:
+    """Unit vector at an angle from the normal of the ground."""
+    return np.array([np.sin(angle), np.cos(angle)])
+
+
+def jacobian(positions: Callable[[Array], Array], q: Array) -> Array:
+    """Derivative of all positions, (x, y) in rows, by complex steps."""
+    return np.array([positions(q + 1e-30j * e).imag.ravel() / 1e-30 for e in np.eye(len(q))]).T
+
+
+def constrained(
+    positions: Callable[[Array], Array],
+    masses: Array,
+    gravity: Array,
+    q: Array,
+    dq: Array,
+    held: Array | Sequence = (),
+    pushes: Array | None = None,
+    loads: Array | float = 0.0,
+    inertia: Array | float = 0.0,
+) -> tuple[Array, Array]:
+    """Accelerations of point masses, and forces of constraints.
+
+    J' m (J ddq + dJ dq - g) + inertia ddq = loads + pushes' forces and held ddq = 0, as one linear system.
+    """
+    held, m, h = np.reshape(held, (-1, len(q))), np.repeat(masses, 2), 1e-6
+    pushes, J = held if pushes is None else pushes, jacobian(positions, q)
+    bias = (jacobian(positions, q + h * dq) - jacobian(positions, q - h * dq)) @ dq / (2 * h)
+    K = np.block([[J.T * m @ J + inertia, -pushes.T], [held, np.zeros((len(held), len(held)))]])
+    right = J.T @ (m * (np.tile(gravity, len(masses)) - bias)) + loads
+    return tuple(np.split(np.linalg.solve(K, [*right, *np.zeros(len(held))]), [len(q)]))
 
 
 def cross(a: Array, b: Array) -> float:

@@ -10,20 +10,22 @@ from typing import Annotated, Any
 import numpy as np
 import pytest
 from casadi import DM, MX, SX, cos, fabs, if_else, sqrt, vertcat
+from oracles import COMPASS, EXAMPLES, TORSO, WHEEL, TorsoCompass
 from pydantic import Field, field_validator, model_validator
 from samples import sampled
 
 import gaitopt as go
-from gaitopt import Body, Mechanism, Walker, check_walker, parse_problem
+from gaitopt import Body, Damper, Mechanism, Walker, check_walker, parse_problem
 from gaitopt.errors import ProblemError
 from gaitopt.model.control import NoControl
-from gaitopt.model.mechanism import Damper
+from gaitopt.model.mechanism import polar
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.units import Positive
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.model.walkers.push_off import PushOffCompass
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.model.walkers.slip_runner import SlipRunner
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
 
@@ -302,6 +304,16 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
         "at least two points",
     ),
     "outline of 3-vectors": (CompassBiped, {"outline": returning(((SX(3, 1), SX(3, 1)),))}, "outline, line 0, point"),
+    "start off the section": (
+        CompassBiped,
+        {"after_impact": classmethod(lambda cls, free, p: (free.theta1, -free.theta1))},
+        "after_impact and touchdown contradict each",
+    ),
+    "short start": (
+        CompassBiped,
+        {"after_impact": classmethod(lambda cls, free, p: (free.theta1,))},
+        "after_impact gives 1 coordinates, but shape has 2",
+    ),
     "contact nan": (CompassBiped, {"contact": returning(SX([NAN, 0]))}, "contact is nan"),
 }
 BY_PARTS: dict[str, tuple[type[Walker], dict[str, Any], str]] = {
@@ -346,6 +358,44 @@ BY_PARTS: dict[str, tuple[type[Walker], dict[str, Any], str]] = {
     ),
     "no gravity": (CompassBiped, {"gravity": DM([0, 0])}, "its length, mass or gravity is zero"),
 }
+BY_PARTS |= {  # walkers that are not the same body before and after a swap of the feet
+    "legs of other lengths": (
+        CompassBiped,
+        {"bodies": lambda m, q, p: (
+            Body(mass=p.leg_mass, position=m.bodies[1].position - polar(0.3, q.theta1)), m.bodies[1],
+            Body(mass=p.leg_mass, position=m.bodies[1].position - polar(0.5, -q.theta2)),
+        )},
+        "its masses jump when the feet swap roles: the body of 4 kg at",
+    ),
+    "legs of other masses": (
+        CompassBiped,
+        {"bodies": lambda m, q, p: (replace(m.bodies[0], mass=1.001 * p.leg_mass), *m.bodies[1:])},
+        "its masses jump when the feet swap roles: the body of 4.0",
+    ),
+    "only one leg is a rigid body": (
+        CompassBiped,
+        {"bodies": lambda m, q, p: (replace(m.bodies[0], inertia=0.1 * p.leg_mass, angle=q.theta1), *m.bodies[1:])},
+        "its masses jump",
+    ),
+    "wrong relabel": (CompassBiped, {"relabel": lambda m, q, p: vertcat(q.theta2, q.theta1)}, "relabel must describe"),
+    # the angles are right where the legs have the same one, their rates are not
+    "right at touchdown only": (
+        CompassBiped, {"relabel": lambda m, q, p: vertcat(-q.theta1, -q.theta2)}, "or does not move so"
+    ),
+    "forgetful": (
+        CompassBiped, {"relabel": lambda m, q, p: vertcat(-q.theta2, -q.theta2)}, "relabel cannot be inverted"
+    ),
+    "spring on one leg": (CompassBiped, {"potential": lambda m, q, p: (q.theta1 - 0.1) ** 2}, "its potential energy"),
+    "high foot": (
+        CompassBiped, {"swing_foot": lambda m, q, p: m.swing_foot + SX([0, 0.01])}, "the swing foot is 0.01 m"
+    ),
+    "massless": (CompassBiped, {"bodies": lambda m, q, p: m.bodies[1:2]}, "nothing has inertia against theta2"),
+    "negative mass": (
+        CompassBiped,
+        {"bodies": lambda m, q, p: (m.bodies[0], replace(m.bodies[1], mass=-p.hip_mass), m.bodies[2])},
+        "a body has a mass or inertia that is negative",
+    ),
+}  # fmt: skip
 BY_HAND |= {name: (base, with_parts(base, **parts), words) for name, (base, parts, words) in BY_PARTS.items()}
 
 
@@ -377,17 +427,24 @@ def test_a_class_that_is_used_without_a_problem_is_refused_as_well() -> None:
         check_walker(altered(CompassBiped, {"largest_angle": -1}), {})
 
 
+def rigid_legs(m: Mechanism, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Body, ...]:
+    """Both legs are rigid bodies, with angles of either sign."""
+    (stance, hip, swing), inertia = m.bodies, 0.1 * p.leg_mass
+    return replace(stance, inertia=inertia, angle=q.theta1), hip, replace(swing, inertia=inertia, angle=q.theta2)
+
+
 def good_classes() -> Iterator[type[Walker]]:
     yield altered(CompassBiped, {})
     yield with_parts(CompassBiped, potential=0, bodies=lambda m, q, p: [*m.bodies], motors=lambda m, q, p: [*m.motors])
     yield with_parts(CompassBiped, gravity=lambda m, q, p: DM([0.2, -9.8]))
     yield with_parts(CompassBiped, gravity=np.array([0.2, -9.8]))
     yield altered(CompassBiped, {"outline": returning([]), "largest_angle": 1})
+    yield with_parts(CompassBiped, bodies=rigid_legs)
     yield altered(CompassBiped, fields(extra=(Annotated[float, Field(ge=0)], 1.0), count=(int, 3)))
 
 
 @pytest.mark.parametrize("walker", [*good_classes()])
-def test_numbers_arrays_and_lists_are_as_good_as_expressions_and_tuples(walker: type[Walker]) -> None:
+def test_rigid_legs_pass_and_numbers_and_lists_are_as_good_as_expressions_and_tuples(walker: type[Walker]) -> None:
     problem = parse_problem(text_of("compass-passive-a"), walkers=[walker])
     assert isinstance(problem.walker, walker)
 
@@ -396,3 +453,26 @@ def test_a_start_that_is_not_a_number_is_refused_with_its_name() -> None:
     problem = go.load_problem("slip-run")
     with pytest.raises(ProblemError, match=r"would start with dshortening = nan"):
         problem.replace({"gait.guess.state": {"dtheta": -30.0}})
+
+
+@pytest.mark.parametrize(
+    ("walker", "numbers"),
+    [
+        (CompassBiped, COMPASS),
+        (CompassBiped, {**COMPASS, "hip_mass": 0.0}),
+        (CompassBiped, {**COMPASS, "leg_mass": 1e-9, "leg_com": 1e-9, "hip_mass": 4e6}),
+        (CompassBiped, {**COMPASS, "leg_length": 1.6e-3, "leg_com": 8e-4}),
+        (CompassBiped, {**COMPASS, "leg_length": 1.6e3, "leg_com": 8e2, "gravity": 9.8e9}),
+        (RimlessWheel, WHEEL),
+        (RimlessWheel, {**WHEEL, "inertia_ratio": 0.0}),
+        (TorsoCompass, TORSO),
+    ],
+)
+def test_walkers_of_any_proportions_and_units_pass(walker: type[Walker], numbers: dict[str, Any]) -> None:
+    check_walker(walker(**numbers))
+    check_walker(walker, numbers)
+
+
+def test_examples_of_the_documentation_load() -> None:
+    for path in sorted(EXAMPLES.glob("*.yaml")):
+        go.load_problem(path, walkers=(TorsoCompass,))

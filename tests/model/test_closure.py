@@ -13,14 +13,12 @@ from oracles import TorsoCompass
 from pydantic import Field
 
 import gaitopt as go
+from gaitopt import Mechanism, Walker, check_walker, parse_problem
 from gaitopt.errors import ProblemError
-from gaitopt.model.checks import check_walker, section_posture
-from gaitopt.model.mechanism import Mechanism
+from gaitopt.model.checks import section_posture
 from gaitopt.model.units import NonNegative, Positive, Slope
-from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rabbit import Rabbit
-from gaitopt.problem.problem import parse_problem
 from gaitopt.problem.statement import problem_data
 
 

@@ -6,20 +6,15 @@ from combined_walkers import FEET, NamedCompass, NamedUnequal
 from contact_walkers import passive
 from oracles import CASES, COMPASS, FRICTION, SLIPS, WHEEL, Case, compass_oracle, directional, numbers, state_for
 
-from gaitopt import Walker
+from gaitopt import Mode, Walker
 from gaitopt.model.control import ConstantTorque
-from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 Array = np.ndarray
 MODES = CONTACTS
-
-
-@pytest.fixture(params=CASES.values(), ids=CASES)
-def case(request: pytest.FixtureRequest) -> Case:
-    return request.param
 
 
 def flow_and_force(case: Case, mode: Mode, z: Array) -> tuple[Array, Array]:

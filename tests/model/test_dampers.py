@@ -1,25 +1,22 @@
 """Dampers and springs in joints: the torso and the telescopic leg against equations of their own."""
 
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from casadi import vertcat
 from named import named, verification
+from oracles import constrained, slope_gravity, up
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
-from gaitopt import Mode, check_walker
+from gaitopt import Damper, Mode, check_walker
 from gaitopt.errors import ProblemError
 from gaitopt.gait.measures import observe
-from gaitopt.model.mechanism import Damper
 from gaitopt.model.walkers.telescopic import TelescopicCompass
 from gaitopt.model.walkers.torso import TorsoWalker
-
-
-def up(angle):
-    return np.array([np.sin(angle), np.cos(angle)])
 
 
 def torso_positions(w, q):
@@ -57,22 +54,16 @@ CASES = {
 
 
 def newton(name):
-    """(t, y) -> rates of (q, dq) of a sticking walker: J'M(J ddq + dJ dq - g) = forces, with J by complex steps."""
+    """(t, y) -> rates of (q, dq) of a sticking walker."""
     positions, forces, masses, turns = CASES[name]
     w = named(name).problem.walker
-    weights = np.repeat(masses(w), 2)
-    gravity = np.tile(w.gravity * np.array([np.sin(w.slope), -np.cos(w.slope)]), 3)
-    inertia = np.diag([0, 0, w.torso_inertia]) if turns else np.zeros((3, 3))
-
-    def jacobian(q):
-        return np.array([positions(w, q + 1e-30j * e).imag.ravel() / 1e-30 for e in np.eye(3)]).T
+    inertia = np.diag([0, 0, w.torso_inertia]) if turns else 0.0
 
     def rates(t, y):
-        q, dq = y[:3], y[3:]
-        J, h = jacobian(q), 1e-6
-        bias = (jacobian(q + h * dq) - jacobian(q - h * dq)) @ dq / (2 * h)
-        right = J.T @ (weights * (gravity - bias)) + forces(w, q, dq)
-        return [*dq, *np.linalg.solve(J.T * weights @ J + inertia, right)]
+        q, dq = np.split(y, 2)
+        loads, gravity = forces(w, q, dq), slope_gravity(w.gravity, w.slope)
+        ddq, _ = constrained(partial(positions, w), masses(w), gravity, q, dq, loads=loads, inertia=inertia)
+        return [*dq, *ddq]
 
     return rates
 

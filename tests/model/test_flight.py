@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
+from gaitopt import Mode
 from gaitopt.errors import ProblemError
 from gaitopt.gait.measures import observe
-from gaitopt.model.modes import Mode
 from gaitopt.model.walkers.slip_runner import SlipRunner
 from gaitopt.problem.statement import problem_data
 from tests.named import named

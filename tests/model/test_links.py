@@ -11,14 +11,13 @@ from casadi import SX, Function, cos, jacobian, vertcat
 from numpy.typing import NDArray
 
 import gaitopt as go
+from gaitopt import Body, Link, Mechanism, Walker, check_walker, equations_of_motion
 from gaitopt.errors import ProblemError
 from gaitopt.model import checks
-from gaitopt.model.checks import check_walker
 from gaitopt.model.declaration import state_picture
-from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
-from gaitopt.model.mechanism import Body, Link, Mechanism, inclined, polar
+from gaitopt.model.lagrangian import parameter_namespace
+from gaitopt.model.mechanism import inclined, polar
 from gaitopt.model.units import Positive
-from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rabbit import Rabbit
 from gaitopt.model.walkers.torso import DrivenTorso, TorsoWalker

@@ -7,8 +7,8 @@ import numpy as np
 from casadi import SX, atan2, cos, sqrt
 
 import gaitopt as go
+from gaitopt import Mode
 from gaitopt.model.declaration import actuator_units
-from gaitopt.model.modes import Mode
 from gaitopt.model.walkers.crawler import Crawler
 from gaitopt.model.walkers.rabbit import Rabbit
 from gaitopt.systems import problem_dynamics

@@ -1,11 +1,13 @@
 """Open-loop torques: the law as a function of time, its keys, and what is wrong with them."""
 
+import re
+
 import numpy as np
 import pytest
+from refusals import refusal
 
 import gaitopt as go
-from gaitopt.errors import ProblemError
-from gaitopt.model.modes import Mode
+from gaitopt import Mode
 from gaitopt.systems import problem_dynamics
 
 KNOWN = """
@@ -66,15 +68,10 @@ def test_values_are_parameters_that_can_be_set():
 )  # fmt: skip
 def test_each_fault_is_one_sentence_with_its_key(control, more, words):
     text = UNKNOWN.replace("{control}", control).replace("{more}", more).replace("{{", "{").replace("}}", "}")
-    with pytest.raises(ProblemError) as caught:
-        go.parse_problem(text)
-    assert words in str(caught.value)
-    assert len(str(caught.value).splitlines()) == 1
+    assert words in refusal(go.parse_problem, text)
 
 
 def test_constraints_along_the_step_need_unknown_torques():
-    text = go.load_problem("compass-torque-efficient").text.replace(
-        "constraints:", "constraints:\n  clearance: {min: 0}"
-    )
-    with pytest.raises(ProblemError, match=r"constraints\.clearance: .*only open-loop torques can have"):
-        go.parse_problem(text)
+    text = go.load_problem("compass-torque-efficient").text
+    told = refusal(go.parse_problem, text.replace("constraints:", "constraints:\n  clearance: {min: 0}"))
+    assert re.search(r"constraints\.clearance: .*only open-loop torques can have", told)

@@ -7,45 +7,24 @@ import numpy as np
 import pytest
 from named import named
 from oracles import compass_oracle
-from scipy.integrate import solve_ivp
 
 import gaitopt as go
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.simulation.simulator import Simulator
 
 NAME = "compass-push-off"
-W = np.eye(4)[2:]
 
 
-def by_hand():
-    """Oracle of the named walker: positions differentiated in numbers, without CasADi."""
-    numbers = dict(named(NAME).problem.walker)
-    del numbers["push"]
-    return compass_oracle(**numbers)
-
-
-def one_step(xi, period=None):
-    """Section coordinates after one step from (theta1, dtheta1, dtheta2), the step length, and the period."""
-    oracle, P = by_hand(), named(NAME).problem.walker.push
-
-    def flow(t, y):
-        q, dq = y[:4], y[4:]
-        saddle = np.block([[oracle.M(q), -W.T], [W, np.zeros((2, 2))]])
-        return np.concatenate([dq, np.linalg.solve(saddle, [*(-oracle.B(q, dq) - oracle.G(q)), 0, 0])[:4]])
-
-    def touchdown(t, y):
-        return y[0] - y[1] if t > 0.5 else -1.0
-
-    touchdown.terminal, touchdown.direction = True, 1
-    start = np.array([xi[0], xi[0], 0, 0, xi[1], xi[2], 0, 0])
-    motion = solve_ivp(flow, (0, 3), start, method="DOP853", rtol=1e-11, atol=1e-12, events=touchdown)
-    q, dq = motion.y[:4, -1], motion.y[4:, -1]
-    M, foot = oracle.M(q), oracle.swing_foot.jacobian(q)
-    pushed = dq + np.linalg.solve(M, W.T @ (P * np.array([sin(q[0]), cos(q[0])])))
-    response = np.linalg.solve(M, foot.T)
-    after = pushed - response @ np.linalg.solve(foot @ response, foot @ pushed)
+def one_step(xi):
+    """Section coordinates after one step from (theta1, dtheta1, dtheta2), length, period and the work of the push."""
+    walker = dict(named(NAME).problem.walker)
+    P, oracle = walker.pop("push"), compass_oracle(**walker)
+    q, dq, period = oracle.swing([xi[0], xi[0], 0, 0], [*xi[1:], 0, 0])
+    M = oracle.M(q)
+    pushed = dq + np.linalg.solve(M, [0, 0, P * sin(q[0]), P * cos(q[0])])
+    _, after = oracle.impulse(q, pushed, 0, 0.0)
     work = (pushed @ M @ pushed - dq @ M @ dq) / 2
-    return np.array([-q[1], -after[1], -after[0]]), oracle.swing_foot.position(q)[0], motion.t[-1], work
+    return np.array([-q[1], -after[1], -after[0]]), oracle.swing_foot.position(q)[0], period, work
 
 
 def test_the_gait_is_a_fixed_point_of_the_step_by_hand():

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from named import named
+from oracles import constrained, jacobian, slope_gravity, up
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
@@ -16,12 +17,8 @@ from gaitopt.model.walkers.round_feet import RoundFeetCompass
 
 L, R, B, M_LEG, I_LEG, M_HIP, SLOPE = 1.0, 0.2, 0.5, 0.5, 0.02, 1.0, 0.01
 """The named walker: leg, radius, centre of mass of a leg above the arc's centre, masses; gravity is 1."""
-MASSES = np.repeat([M_LEG, M_HIP, M_LEG], 2)
+MASSES = np.array([M_LEG, M_HIP, M_LEG])
 INERTIA = np.diag([I_LEG, I_LEG, 0, 0])
-
-
-def up(angle):
-    return np.array([np.sin(angle), np.cos(angle)])
 
 
 def positions(q):
@@ -31,30 +28,23 @@ def positions(q):
     return np.array([centre + B * up(q[0]), hip, hip - (L - B) * up(-q[1]), hip - L * up(-q[1])])
 
 
-def jacobian(q):
-    return np.array([positions(q + 1e-30j * e).imag.ravel() / 1e-30 for e in np.eye(4)]).T
-
-
 def contact(q, foot):
     """Jacobian of the velocity at the contact of the stance (0) or swing (1) foot, rows tangent and normal."""
     if foot == 0:
         return np.array([[-R, 0, 1, 0], [0, 0, 0, 1.0]])
-    J = jacobian(q)[6:]
+    J = jacobian(positions, q)[6:]
     J[0, 1] += R  # the swing leg turns with -theta2
     return J
 
 
 def rates(_, y, s=0, mu=0.0):
     """Rates of (q, dq) of a foot that rolls (s = 0), or slides with the sign s of its velocity at the contact."""
-    q, dq, h = y[:4], y[4:], 1e-6
-    J = jacobian(q)[:6]
-    bias = (jacobian(q + h * dq) - jacobian(q - h * dq))[:6] @ dq / (2 * h)
-    gravity = np.tile([np.sin(SLOPE), -np.cos(SLOPE)], 3)
-    held = contact(q, 0) if s == 0 else contact(q, 0)[1:]
-    forces = contact(q, 0) if s == 0 else contact(q, 0)[1:] - s * mu * contact(q, 0)[:1]
-    K = np.block([[J.T * MASSES @ J + INERTIA, -forces.T], [held, np.zeros((len(held), len(held)))]])
-    solution = np.linalg.solve(K, [*(J.T @ (MASSES * (gravity - bias))), *np.zeros(len(held))])
-    return np.concatenate([dq, solution[:4]]), solution[4:]
+    q, dq = np.split(y, 2)
+    stance = contact(q, 0)
+    held, pushes = (stance, stance) if s == 0 else (stance[1:], stance[1:] - s * mu * stance[:1])
+    gravity = slope_gravity(1.0, SLOPE)
+    ddq, force = constrained(lambda q: positions(q)[:3], MASSES, gravity, q, dq, held, pushes, inertia=INERTIA)
+    return np.concatenate([dq, ddq]), force
 
 
 def in_centre_coordinates(z):
@@ -70,8 +60,8 @@ def test_published_walk_is_a_fixed_point_of_the_walk_by_hand():
     y0 = in_centre_coordinates(gait.state)
     y = solve_ivp(lambda t, y: rates(t, y)[0], (0, period), y0, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
     q, dq = y[:4], y[4:]
-    J = jacobian(q)[:6]
-    mass, W = J.T * MASSES @ J + INERTIA, contact(q, 1)
+    J = jacobian(positions, q)[:6]
+    mass, W = J.T * np.repeat(MASSES, 2) @ J + INERTIA, contact(q, 1)
     response = np.linalg.solve(mass, W.T)
     after = dq - response @ np.linalg.solve(W @ response, W @ dq)
     assert positions(q)[3, 1] == pytest.approx(R, abs=1e-9)

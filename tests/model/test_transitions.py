@@ -25,28 +25,16 @@ IDS = [walker.model for walker in WALKERS]
 @pytest.mark.parametrize("table", TABLES, ids=IDS)
 def test_every_event_ends_the_motion_or_leads_to_modes_of_the_walker(table):
     for mode in table.modes:
+        assert ("normal_force" in table.of(mode)) == bool(mode.touching)
         for transition in table.of(mode).values():
             assert (transition.ending is None) == bool(transition.candidates)
             assert set(transition.candidates) <= {*table.modes}
             assert mode not in transition.candidates or transition.at_rest or transition.ends_step
-
-
-@pytest.mark.parametrize("table", TABLES, ids=IDS)
-def test_a_walker_has_a_normal_force_where_a_contact_touches_the_ground_and_nowhere_else(table):
-    for mode in table.modes:
-        assert ("normal_force" in table.of(mode)) == bool(mode.touching)
+            for after in {*transition.candidates} - {mode} if not transition.ends_step else ():
+                event = table.between(mode, after)
+                assert after in event.candidates
+                assert not event.ends_step
     assert all(mode.touching for mode in table.landed)
-
-
-@pytest.mark.parametrize("table", TABLES, ids=IDS)
-def test_the_event_between_two_modes_has_the_second_as_a_candidate(table):
-    for mode in table.modes:
-        for transition in table.of(mode).values():
-            for after in transition.candidates:
-                if not transition.ends_step and after is not mode:
-                    event = table.between(mode, after)
-                    assert after in event.candidates
-                    assert not event.ends_step
 
 
 @pytest.mark.parametrize("table", TABLES, ids=IDS)
@@ -70,27 +58,14 @@ def test_the_compiled_margins_are_those_of_the_table(walker):
         assert system.impact_margins(struck, before).numel_out(0) == len(table.of_impact(struck, before))
 
 
-def test_a_slip_begins_where_its_own_edge_of_the_cone_is_reached():
-    table = transitions(CompassBiped)
-    assert table.between(Mode.STICK, Mode.SLIP_FORWARD).guard == "cone_forward"
-    assert table.between(Mode.STICK, Mode.SLIP_BACKWARD).guard == "cone_backward"
-
-
-def test_a_slip_that_is_followed_by_another_mode_ends_where_the_foot_comes_to_rest():
-    table = transitions(CompassBiped)
-    for after in (Mode.STICK, Mode.SLIP_BACKWARD):
-        assert table.between(Mode.SLIP_FORWARD, after).guard == "slip_velocity"
-
-
-def test_a_foot_that_comes_to_rest_may_do_anything_on_the_ground():
-    table = transitions(CompassBiped)
-    stops = table.of(Mode.SLIP_FORWARD)["slip_velocity"]
-    assert stops.at_rest == (FOOT,)
-    assert stops.candidates == (Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
-
-
-def test_lift_off_ends_a_walk_and_begins_the_flight_of_a_runner():
-    assert transitions(CompassBiped).of(Mode.STICK)["normal_force"].ending is Ending.LIFT_OFF
+def test_a_slip_begins_at_its_edge_of_the_cone_and_ends_at_rest_and_lift_off_ends_a_walk_but_not_a_run():
+    table, (forward, backward) = transitions(CompassBiped), (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
+    assert table.between(Mode.STICK, forward).guard == "cone_forward"
+    assert table.between(Mode.STICK, backward).guard == "cone_backward"
+    assert {table.between(forward, after).guard for after in (Mode.STICK, backward)} == {"slip_velocity"}
+    stops = table.of(forward)["slip_velocity"]
+    assert (stops.at_rest, stops.candidates) == ((FOOT,), (Mode.STICK, forward, backward))
+    assert table.of(Mode.STICK)["normal_force"].ending is Ending.LIFT_OFF
     assert transitions(SlipRunner).of(Mode.STICK)["normal_force"].candidates == (Mode.FLIGHT,)
 
 
@@ -131,13 +106,8 @@ def test_a_breakpoint_is_a_transition_whose_guard_is_the_time():
     for table in TABLES:
         for mode in table.modes:
             row = table.at_breakpoint(mode)
-            assert (row.guard, row.margin.unit, row.zeros, row.reset, row.ending) == (
-                "breakpoint",
-                "time",
-                (),
-                None,
-                None,
-            )
+            assert (row.guard, row.margin.unit) == ("breakpoint", "time")
+            assert (row.zeros, row.reset, row.ending) == ((), None, None)
             assert row.at_rest == (("foot",) if mode.sticks else ())
             assert mode in row.candidates
             assert all(after.stops == mode.stops for after in row.candidates)

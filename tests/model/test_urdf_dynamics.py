@@ -17,10 +17,8 @@ from robots import feet, tree, urdf
 from samples import sampled
 from scipy.spatial.transform import Rotation
 
-from gaitopt.model.checks import check_walker
+from gaitopt import Mode, check_walker, equations_of_motion
 from gaitopt.model.control import NoControl
-from gaitopt.model.lagrangian import equations_of_motion
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.urdf import UrdfWalker, walker_from_text
 from gaitopt.model.walkers.rabbit import Rabbit

@@ -1,4 +1,4 @@
-"""Virtual constraints against a compass whose mechanics, impact and feedback are written out here by hand."""
+"""Virtual constraints against the oracle of a compass and a feedback that is written out by hand."""
 
 from dataclasses import replace
 from math import comb
@@ -6,11 +6,12 @@ from math import comb
 import numpy as np
 import pytest
 from named import named
-from scipy.integrate import quad, solve_ivp
+from oracles import compass_oracle
+from scipy.integrate import quad
 
 import gaitopt as go
+from gaitopt import Mode
 from gaitopt.errors import ProblemError
-from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import restore_problem
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
@@ -22,21 +23,18 @@ L, M_LEG, COM, M_HIP, G = 1.6, 4.0, 0.8, 2.0, 9.8
 POINTS = np.array([-0.1, -0.12706416905448156, -0.045, 0.419, 0.156, 0.139, 0.1])
 TABLE = {"theta1": [-0.1, 0.1], "theta2": [-0.1, 0.1]}
 END, KP, KD = 0.1, 36.0, 12.0
-COUPLING = M_LEG * L * (L - COM)
+ORACLE = compass_oracle(leg_length=L, leg_mass=M_LEG, leg_com=COM, hip_mass=M_HIP, gravity=G, slope=0.0)
 ALONG = np.array([1.0, -1.0])  # both legs turn about the foot as one body: the hip motor has no part in it
 
 
 def inertia(q):
-    cross = COUPLING * np.cos(q[0] + q[1])
-    return np.array([[M_LEG * COM**2 + (M_HIP + M_LEG) * L**2, cross], [cross, M_LEG * (L - COM) ** 2]])
+    return ORACLE.M(np.array([*q, 0, 0]))[:2, :2]
 
 
 def forces(q, v):
     """Velocity and gravity terms."""
-    turn, weight = COUPLING * np.sin(q[0] + q[1]), G * (M_LEG * COM + (M_HIP + M_LEG) * L)
-    return np.array(
-        [-turn * v[1] ** 2 - weight * np.sin(q[0]), -turn * v[0] ** 2 + G * M_LEG * (L - COM) * np.sin(q[1])]
-    )
+    q, v = np.array([*q, 0, 0]), np.array([*v, 0, 0])
+    return (ORACLE.B(q, v) + ORACLE.G(q))[:2]
 
 
 def bezier(points, s, order=0):
@@ -62,34 +60,19 @@ def torque(q, v, known=None):
 
 
 def impact(q, v):
-    """State after the plastic impact, by the impulse on three masses that are free to move."""
-    along = np.array([[np.cos(q[0]), -np.sin(q[0])], [np.cos(q[1]), np.sin(q[1])]])
-    jacobians = [
-        np.column_stack([first * along[0], second * along[1], np.eye(2)])
-        for first, second in ((COM, 0), (L, 0), (L, L - COM), (L, L))
-    ]
-    M = sum(m * J.T @ J for m, J in zip((M_LEG, M_HIP, M_LEG), jacobians, strict=False))
-    foot = jacobians[3]
-    saddle = np.block([[M, -foot.T], [foot, np.zeros((2, 2))]])
-    rates = np.linalg.solve(saddle, np.concatenate([M @ [*v, 0, 0], [0, 0]]))[:2]
-    return -q[::-1], -rates[::-1]
+    """State after the plastic impact."""
+    _, after = ORACLE.impulse(np.array([*q, 0, 0]), np.array([*v, 0, 0]), 0, 0.0)
+    return -q[::-1], -after[1::-1]
 
 
 def step(xi):
     """One step of the compass from (theta1, dtheta1, dtheta2) just after an impact."""
 
-    def rate(_, z):
-        q, v = z[:2], z[2:]
-        return np.concatenate([v, np.linalg.solve(inertia(q), torque(q, v) - forces(q, v))])
+    def drive(q, v, _):
+        return torque(q[:2], v[:2]) * np.array([1, 1, 0, 0])
 
-    def lands(_, z):
-        return z[0] - z[1]
-
-    lands.terminal, lands.direction = True, 1
-    tolerances = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
-    early = solve_ivp(rate, (0, 0.4), [xi[0], *xi], **tolerances)
-    late = solve_ivp(rate, (0.4, 10), early.y[:, -1], events=lands, **tolerances)
-    q, v = impact(late.y_events[0][0][:2], late.y_events[0][0][2:])
+    q, v, _ = ORACLE.swing([xi[0], xi[0], 0, 0], [*xi[1:], 0, 0], drive)
+    q, v = impact(q[:2], v[:2])
     return np.array([q[0], *v])
 
 
