@@ -16,30 +16,28 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from certificates import certificate_of, gait, refusals, restored, reworded, through_json
+from flint import arb, ctx
 
-flint = pytest.importorskip("flint")
-from flint import arb, ctx  # noqa: E402
-
-from gaitopt import load_problem, parse_problem, prove, solve  # noqa: E402
-from gaitopt.errors import StorageError  # noqa: E402
-from gaitopt.model.control import NoControl  # noqa: E402
-from gaitopt.model.curve import BeyondEnd, Curve, continued  # noqa: E402
-from gaitopt.model.modes import Mode  # noqa: E402
-from gaitopt.model.system import HybridSystem  # noqa: E402
-from gaitopt.model.tracking import ProportionalDerivative  # noqa: E402
-from gaitopt.model.walkers.compass_biped import CompassBiped  # noqa: E402
-from gaitopt.model.walkers.hopper import Hopper  # noqa: E402
-from gaitopt.model.walkers.kneed import KneedWalker  # noqa: E402
-from gaitopt.model.walkers.rimless_wheel import RimlessWheel  # noqa: E402
-from gaitopt.problem.source import parse_source  # noqa: E402
-from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted  # noqa: E402
-from gaitopt.proof.certificate import parse_certificate, read_certificate, sha256  # noqa: E402
-from gaitopt.proof.check import BRACKETED, MARGIN_CHANGES, MOTION, check, check_box, conclude  # noqa: E402
-from gaitopt.proof.claims import ProofClaim, _time_window, mode_claim_names, zeros_after_impact  # noqa: E402
-from gaitopt.proof.law import ExactLaw  # noqa: E402
-from gaitopt.proof.law_data import _steps, motion_claim  # noqa: E402
-from gaitopt.proof.orbit import Orbit  # noqa: E402
-from gaitopt.proof.prove import (  # noqa: E402
+from gaitopt import Mode, load_problem, parse_problem, prove, solve
+from gaitopt.errors import StorageError
+from gaitopt.model.control import NoControl
+from gaitopt.model.curve import BeyondEnd, Curve, continued
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.tracking import ProportionalDerivative
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.hopper import Hopper
+from gaitopt.model.walkers.kneed import KneedWalker
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
+from gaitopt.problem.source import parse_source
+from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted
+from gaitopt.proof.certificate import parse_certificate, read_certificate, sha256
+from gaitopt.proof.check import BRACKETED, MARGIN_CHANGES, MOTION, check, check_box, conclude
+from gaitopt.proof.claims import ProofClaim, _time_window, mode_claim_names, zeros_after_impact
+from gaitopt.proof.law import ExactLaw
+from gaitopt.proof.law_data import _steps, motion_claim
+from gaitopt.proof.orbit import Orbit
+from gaitopt.proof.prove import (
     DIGITS,
     RADIUS,
     arc_records,
@@ -49,50 +47,24 @@ from gaitopt.proof.prove import (  # noqa: E402
     motion_record,
     newton_step,
 )
-from gaitopt.proof.statement import restore_statement  # noqa: E402
-from gaitopt.solver.solve import solve_gait  # noqa: E402
+from gaitopt.proof.statement import restore_statement
+from gaitopt.solver.solve import solve_gait
 
 check_module = import_module("gaitopt.proof.check")
 PAGE = Path(__file__).parents[2] / "docs" / "developer" / "proof-tests.md"
 
 
 @cache
-def gait(name, **changes):
-    return solve(load_problem(name).replace(changes))
-
-
-@cache
 def proved(name):
     """The certificate of a gait, as it is read from its file."""
-    return through_json(prove(gait(name)).certificate)
+    return certificate_of(name)
 
 
 @cache
 def unproved(name):
     """A certificate without boxes, whose statement is right: enough for forgeries that no box is needed to refuse."""
     solved = gait(name)
-    return through_json(header_of(solved) | {"arcs": arc_records(arcs_of(solved))})
-
-
-def header_of(solved):
-    return certificate_header(solved)
-
-
-def reworded(certificate, *changes, within=()):
-    """A certificate whose text says something else, with the SHA-256 of that.
-
-    Parameters
-    ----------
-    changes : pairs of old and new words.
-    within : names of problems that the text names, from the outside inwards, if the text of the last one changes.
-    """
-    certificate = deepcopy(dict(certificate))
-    problem = reduce(lambda outer, name: outer["problems"][name], within, certificate["problem"])
-    for old, new in changes:
-        assert old in problem["text"], old
-        problem["text"] = problem["text"].replace(old, new)
-    problem["sha256"] = sha256(problem["text"])
-    return certificate
+    return through_json(certificate_header(solved) | {"arcs": arc_records(arcs_of(solved))})
 
 
 @cache
@@ -106,24 +78,8 @@ def bracket(lower="0.9141", upper="0.9142"):
     return certificate
 
 
-def through_json(certificate):
-    return json.loads(json.dumps(certificate))
-
-
 def spoiled(certificate, **changes):
     return deepcopy(dict(certificate)) | changes
-
-
-def refusals(certificate):
-    """What is not proved of a certificate, by the name of the claim."""
-    result = check(certificate)
-    assert not result.proved
-    return {claim.name: claim.words for claim in result.claims if not claim.proved}
-
-
-def words_of_statement(certificate):
-    with ctx.workprec(PRECISION):
-        return restore_statement(read_certificate(certificate)).printed
 
 
 # the control law
@@ -132,7 +88,7 @@ def words_of_statement(certificate):
 @pytest.mark.slow
 def test_a_right_statement_is_rebuilt_from_its_problem():
     for name in ("compass-torque-stick", "compass-pd-impact-slip", "compass-pd-designed"):
-        assert words_of_statement(unproved(name))["mode_sequence"] == str(load_problem(name).cycle)
+        assert restored(unproved(name)).printed["mode_sequence"] == str(load_problem(name).cycle)
         assert "no boxes" in refusals(unproved(name))["statement"]
 
 
@@ -142,9 +98,9 @@ def test_a_law_is_that_of_its_problem_not_of_its_certificate():
         check(original | {"control": {"type": "none"}})
     certificate = reworded(original, ("type: constant_torque", "type: none"))
     assert "control.ankle" in refusals(certificate)["statement"]
-    words = words_of_statement(reworded(original, ("ankle: 1.65", "ankle: 1.66")))
+    words = restored(reworded(original, ("ankle: 1.65", "ankle: 1.66"))).printed
     assert words["parameters"]["control.ankle"] == "1.66"  # a right statement, but about another problem
-    assert words["sha256"] != words_of_statement(original)["sha256"]
+    assert words["sha256"] != restored(original).printed["sha256"]
 
 
 def test_the_rates_of_a_tracked_curve_are_its_derivatives():
@@ -153,8 +109,7 @@ def test_the_rates_of_a_tracked_curve_are_its_derivatives():
     certificate["law"]["pieces"][0]["rates"] = certificate["law"]["pieces"][0]["angles"]
     with pytest.raises(StorageError, match="rates: Extra inputs"):
         check(certificate)
-    with ctx.workprec(PRECISION):
-        statement = restore_statement(read_certificate(unproved("compass-pd-impact-slip")))
+    statement = restored(unproved("compass-pd-impact-slip"))
     control = statement.system.control
     for k, data in enumerate(statement.law.data):
         np.testing.assert_allclose([float(value) for value in data], control.data(k), rtol=1e-12, atol=1e-12)
@@ -171,8 +126,7 @@ def test_a_reference_ends_as_the_problem_says(beyond_end):
     motion = continued(tracked.names, pieces[:last_of_gait], pieces[last_of_gait].start, BeyondEnd(beyond_end))
     certificate["law"] = through_json(motion_record(motion))
     assert len(certificate["law"]["pieces"]) == last_of_gait
-    with ctx.workprec(PRECISION):
-        statement = restore_statement(read_certificate(certificate))
+    statement = restored(certificate)
     *_, after = statement.law.data
     assert statement.law.horizon is None
     assert float(after[2]) == float(beyond_end != "off")
@@ -182,14 +136,14 @@ def test_a_reference_ends_as_the_problem_says(beyond_end):
 def test_a_tracked_curve_is_part_of_the_printed_statement():
     """Without the proof of the gait that the problem names, nothing shows that the curve is its motion."""
     original = unproved("compass-pd-impact-slip")
-    words = words_of_statement(original)
+    words = restored(original).printed
     assert any("compass-passive-b" in silent for silent in words["not_proved"])
     certificate = spoiled(original)
     for piece in certificate["law"]["pieces"]:
         piece["angles"][0][0] += 1e-9
-    assert words_of_statement(certificate)["law"]["curve_sha256"] != words["law"]["curve_sha256"]
+    assert restored(certificate).printed["law"]["curve_sha256"] != words["law"]["curve_sha256"]
     certificate = reworded(original, ("friction: 0.14", "friction: 0.15"), within=["compass-passive-b"])
-    assert words_of_statement(certificate)["texts"] != words["texts"]
+    assert restored(certificate).printed["texts"] != words["texts"]
 
 
 @pytest.mark.parametrize("piece", [0, 1])
@@ -206,14 +160,14 @@ def test_a_tracked_curve_does_not_jump(piece):
 @pytest.mark.slow
 def test_designed_values_are_part_of_the_printed_statement():
     original = unproved("compass-pd-designed")
-    words = words_of_statement(original)
+    words = restored(original).printed
     assert "control.reference.theta1.0" in words["designed"]
     certificate = spoiled(original)
     certificate["designed"]["control.reference.theta1.1"] = "-0.3"
-    changed = words_of_statement(certificate)
+    changed = restored(certificate).printed
     assert changed["parameters"]["control.reference.theta1.1"] == "-0.3"
     certificate["law"]["duration"] *= 1.1
-    assert words_of_statement(certificate)["law"]["duration"] != changed["law"]["duration"]
+    assert restored(certificate).printed["law"]["duration"] != changed["law"]["duration"]
 
 
 @pytest.mark.parametrize(
@@ -292,8 +246,7 @@ def test_a_curve_takes_as_long_as_the_problem_says():
     certificate = reworded(unproved("compass-pd-designed"), duration)
     assert "needs none" in refusals(certificate)["statement"]
     certificate["law"] = None
-    with ctx.workprec(PRECISION):
-        statement = restore_statement(read_certificate(certificate))
+    statement = restored(certificate)
     assert statement.law.breakpoints[0].overlaps(arb(7) / 10)
 
 
@@ -324,7 +277,7 @@ def test_a_tracked_curve_is_the_motion_of_a_proved_gait_or_the_statement_says_th
     assert check(original).statement["reference"]["parameters"]["walker.slope"] == "1 deg"
     changed = spoiled(original)
     changed["problem"]["problems"]["compass-passive-b"]["set"] = {"friction": 0.15}
-    assert words_of_statement(changed)["changed"] == {"compass-passive-b: friction": 0.15}
+    assert restored(changed).printed["changed"] == {"compass-passive-b: friction": 0.15}
     moved = spoiled(original)
     for piece in moved["law"]["pieces"]:
         piece["angles"][1][0] += 2e-9
@@ -381,8 +334,7 @@ def test_a_tracked_curve_that_is_held_ends_with_the_step():
     problem = load_problem("compass-pd-impact-slip").replace({"control.reference.beyond_end": "hold"})
     certificate = through_json(prove(solve(problem), progress=False).certificate)
     assert check(certificate).proved, refusals(certificate)
-    with ctx.workprec(PRECISION):
-        statement = restore_statement(read_certificate(certificate))
+    statement = restored(certificate)
     (reference,) = statement.system.control.targets.values()
     motion = reference.motion()
     earlier = replace(motion.pieces[-1], start=motion.pieces[-1].start - 1e-3)
@@ -507,8 +459,7 @@ def test_an_interval_holds_values_that_the_parameter_can_have(interval):
 @pytest.mark.parametrize("name", ["rimless-wheel-stick", "rimless-wheel-slip"])
 def test_the_claims_of_a_theorem_are_complete(name):
     result = check(proved(name))
-    with ctx.workprec(PRECISION):
-        statement = restore_statement(read_certificate(proved(name)))
+    statement = restored(proved(name))
     modes = mode_claim_names(statement.system, statement.law, statement.cycle, statement.arcs)
     assert {claim.name for claim in result.claims} == {"existence and uniqueness", *modes, "stability"}
     assert any("apparent mass" in claim for claim in modes)
@@ -539,15 +490,12 @@ def test_an_arc_ends_before_the_law_of_its_segment():
     words, margin = window("0.4")
     assert "before its segment" in words
     assert float(margin) == pytest.approx(0.1)
-    window("0.6", segment=1)
-    window("0.9", segment=2)
-    window("0.5", event="breakpoint")
-    with pytest.raises(Refuted):
-        window("0.6")  # the breakpoint is left out
-    with pytest.raises(Refuted):
-        window("0.71", segment=1)
-    with pytest.raises(Refuted):
-        window("1.1", segment=2, horizon=1.0)
+    for time, options in (("0.6", {"segment": 1}), ("0.9", {"segment": 2}), ("0.5", {"event": "breakpoint"})):
+        window(time, **options)
+    # without options, the breakpoint is left out
+    for time, options in (("0.6", {}), ("0.71", {"segment": 1}), ("1.1", {"segment": 2, "horizon": 1.0})):
+        with pytest.raises(Refuted):
+            window(time, **options)
     with pytest.raises(NotProved):
         window("0.5 +/- 1e-20")
     words, _ = window("0.5 +/- 1e-20", data=(1, 1, 3))
@@ -573,9 +521,9 @@ def test_a_breakpoint_that_is_left_out_is_refused():
 
 def forged_certificate(wrong, law):
     """A box around a wrong orbit, with the law of the right one."""
-    header = through_json(header_of(wrong) | {"law": law, "arcs": arc_records(arcs_of(wrong))})
+    header = through_json(certificate_header(wrong) | {"law": law, "arcs": arc_records(arcs_of(wrong))})
+    statement = restored(header)
     with ctx.workprec(PRECISION):
-        statement = restore_statement(read_certificate(header))
 
         def equations(arcs):
             last = ExactLaw(statement.law.breakpoints[:-1], None, statement.law.data[:-1])
@@ -790,7 +738,7 @@ def hidden(original, forged, path):
     """Whether a certificate whose text differs is proved with a statement that does not say so."""
     hashes, silent = {"sha256", "texts"}, any(key in SILENT for key in path)
     try:
-        words = words_of_statement(forged)
+        words = restored(forged).printed
     except (StorageError, ValueError, NotProved):
         return False
     if silent or any(original.statement[key] != words[key] for key in words.keys() - hashes):
@@ -800,8 +748,7 @@ def hidden(original, forged, path):
 
 def is_written_differently(original, forged):
     """Whether the changed text is read as the same problem."""
-    with ctx.workprec(PRECISION):
-        problems = [restore_statement(read_certificate(each)).problem for each in (original.certificate, forged)]
+    problems = [restored(each).problem for each in (original.certificate, forged)]
     return problems[0].digest == problems[1].digest
 
 

@@ -3,11 +3,9 @@
 import random
 
 import pytest
+from flint import arb, arb_mat, arb_series, ctx
 
-flint = pytest.importorskip("flint")
-from flint import arb, arb_mat, arb_series, ctx  # noqa: E402
-
-from gaitopt.proof.arithmetic import Tilted, assemble, entries_of, hull  # noqa: E402
+from gaitopt.proof.arithmetic import Tilted, assemble, entries_of, hull
 
 
 @pytest.fixture(autouse=True)

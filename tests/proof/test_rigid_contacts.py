@@ -6,21 +6,19 @@ from typing import ClassVar
 
 import pytest
 from casadi import SX, Function, cos, fmax, pi, sin, sqrt, vertcat
+from certificates import reworded
+from flint import arb
 
-flint = pytest.importorskip("flint")
-from flint import arb  # noqa: E402
-
-import gaitopt as go  # noqa: E402
-from gaitopt.gait.measures import sharing_contacts  # noqa: E402
-from gaitopt.model.mechanism import Body, Contact, Damper, Mechanism, inclined  # noqa: E402
-from gaitopt.model.modes import Mode  # noqa: E402
-from gaitopt.model.walkers.crawler import Crawler  # noqa: E402
-from gaitopt.proof import identities  # noqa: E402
-from gaitopt.proof.arithmetic import NotProved, precision  # noqa: E402
-from gaitopt.proof.certificate import sha256  # noqa: E402
-from gaitopt.proof.check import check  # noqa: E402
-from gaitopt.proof.claims import _impact_margins  # noqa: E402
-from gaitopt.proof.identities import (  # noqa: E402
+import gaitopt as go
+from gaitopt import Body, Contact, Damper, Mechanism, Mode
+from gaitopt.gait.measures import sharing_contacts
+from gaitopt.model.mechanism import inclined
+from gaitopt.model.walkers.crawler import Crawler
+from gaitopt.proof import identities
+from gaitopt.proof.arithmetic import NotProved, precision
+from gaitopt.proof.check import check
+from gaitopt.proof.claims import _impact_margins
+from gaitopt.proof.identities import (
     dependent_contacts,
     is_possible,
     require_conditions,
@@ -28,7 +26,7 @@ from gaitopt.proof.identities import (  # noqa: E402
     rigid_pairs,
     vanishes_identically,
 )
-from gaitopt.proof.statement import refuse_uncovered_walkers  # noqa: E402
+from gaitopt.proof.statement import refuse_uncovered_walkers
 
 X = SX.sym("x", 2)
 
@@ -144,10 +142,8 @@ class Twin(Sledge):
         )
 
 
-SLIP, STICK = (
-    "{heel: slip_forward, toe: slip_forward, front: stick}",
-    "{heel: stick, toe: stick, front: stick}",
-)
+ALL = Mode.of_contacts(dict.fromkeys(Sledge.contacts, "stick"))
+SLIP, STICK = "{heel: slip_forward, toe: slip_forward, front: stick}", "{heel: stick, toe: stick, front: stick}"
 TEXT = f"""
 name: sledge
 walker:
@@ -202,9 +198,7 @@ def test_two_rigid_parts_share_no_forces_with_each_other():
 def test_a_constraint_that_samples_leave_out_wrongly_is_refused(monkeypatch):
     """The checker does not believe the structure that the model has sampled."""
     true = identities.constraint_structure
-    both = Mode.of_contacts(dict.fromkeys(Sledge.contacts, "stick"))
-
-    index = true(Sledge, both).constraints.index(("front", 0))
+    index = true(Sledge, ALL).constraints.index(("front", 0))
     changes = [
         lambda s: replace(s, dropped=(index,), kept=tuple(k for k in range(len(s.constraints)) if k != index)),
         lambda s: replace(s, dropped=(), kept=tuple(range(len(s.constraints))), nulls=s.nulls[:, :0]),
@@ -215,7 +209,7 @@ def test_a_constraint_that_samples_leave_out_wrongly_is_refused(monkeypatch):
         for change in changes:
             monkeypatch.setattr(identities, "constraint_structure", lambda *mode, change=change: change(true(*mode)))
             with pytest.raises(NotProved, match="without being one rigid part"):
-                dependent_contacts(Sledge, both)
+                dependent_contacts(Sledge, ALL)
 
 
 def test_a_condition_of_the_section_that_is_left_out_follows_from_the_others():
@@ -240,19 +234,17 @@ def test_a_walker_whose_contact_lands_above_the_ground_is_refused():
 
 def test_a_stop_that_an_impact_holds_is_not_left_out():
     """The mode of an impact that ends a step states no stops; its structure is that with the stops that it holds."""
-    struck = Mode.of_contacts(dict.fromkeys(Sledge.contacts, "stick"))
-    before = Mode.of(struck, {"latch": "locked"})
+    before = Mode.of(ALL, {"latch": "locked"})
     orbit = SimpleNamespace(system=SimpleNamespace(walker=Latched), arcs=[SimpleNamespace(mode=before)])
     with precision():
-        assert dependent_contacts(Latched, struck) == ("toe",)
+        assert dependent_contacts(Latched, ALL) == ("toe",)
         with pytest.raises(NotProved, match="latch share their forces in"):
-            _impact_margins(orbit, struck, 0, [])
+            _impact_margins(orbit, ALL, 0, [])
 
 
 def test_contacts_that_share_normal_forces_are_refused():
-    both = Mode.of_contacts(dict.fromkeys(Sledge.contacts, "stick"))
     with precision(), pytest.raises(NotProved, match=r"heel and toe share their forces in .*, without being one rigid"):
-        dependent_contacts(Split, both)
+        dependent_contacts(Split, ALL)
 
 
 @pytest.mark.slow
@@ -270,14 +262,6 @@ def test_a_crawler_on_two_contacts_advances_like_one_on_one_contact():
     checked = check(proof.certificate, walkers=[Sledge])
     assert checked.proved
 
-    def spoiled(old, new):
-        text = proof.certificate["problem"]["text"].replace(old, new)
-        assert text != proof.certificate["problem"]["text"]
-        record = {**proof.certificate["problem"], "text": text, "sha256": sha256(text)}
-        return check({**proof.certificate, "problem": record}, walkers=[Sledge])
-
-    for old, new in (
-        ("heel: slip_forward, toe: slip_forward", "heel: slip_forward, toe: slip_backward"),
-        ("heel: 0.6", "heel: 0.5"),
-    ):
-        assert not spoiled(old, new).proved
+    slips = "heel: slip_forward, toe: slip_forward", "heel: slip_forward, toe: slip_backward"
+    for change in (slips, ("heel: 0.6", "heel: 0.5")):
+        assert not check(reworded(proof.certificate, change), walkers=[Sledge]).proved

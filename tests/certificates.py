@@ -1,0 +1,79 @@
+"""Certificates of proofs, what their checker refuses, and copies with another text."""
+
+import json
+from copy import deepcopy
+from functools import cache, reduce
+
+from flint import ctx
+from named import named
+
+from gaitopt import prove, solve
+from gaitopt.proof.arithmetic import PRECISION
+from gaitopt.proof.certificate import read_certificate, sha256
+from gaitopt.proof.check import check
+from gaitopt.proof.statement import restore_statement
+
+
+@cache
+def gait(name, **changes):
+    """The gait of a named problem with some changes."""
+    return solve(named(name).problem.replace(changes), progress=False) if changes else named(name)
+
+
+@cache
+def proof(name, **changes):
+    return prove(gait(name, **changes), progress=False)
+
+
+def through_json(record):
+    return json.loads(json.dumps(record))
+
+
+def certificate_of(name):
+    """A copy of the certificate of a proved gait, as it is read from its file; it may be changed."""
+    assert proof(name).proved, failed(proof(name))
+    return through_json(proof(name).certificate)
+
+
+def failed(result):
+    """What is not proved, by the name of the claim."""
+    return {claim.name: claim.words for claim in result.claims if not claim.proved}
+
+
+def failures(certificate, **options):
+    return failed(check(certificate, **options))
+
+
+def refusals(certificate):
+    """What is not proved of a certificate that must be refused."""
+    result = check(certificate)
+    assert not result.proved
+    return failed(result)
+
+
+def reworded(certificate, *changes, within=()):
+    """A certificate whose text says something else, with the SHA-256 of that.
+
+    Parameters
+    ----------
+    changes : pairs of old and new words.
+    within : names of problems that the text names, from the outside inwards, if the text of the last one changes.
+    """
+    certificate = deepcopy(dict(certificate))
+    problem = reduce(lambda outer, name: outer["problems"][name], within, certificate["problem"])
+    for old, new in changes:
+        assert old in problem["text"], old
+        problem["text"] = problem["text"].replace(old, new)
+    problem["sha256"] = sha256(problem["text"])
+    return certificate
+
+
+def restored(certificate):
+    """The statement that a certificate is about."""
+    with ctx.workprec(PRECISION):
+        return restore_statement(read_certificate(certificate))
+
+
+def negated(graph):
+    """A property that is a graph all of whose outputs have the other sign."""
+    return property(lambda self: lambda y: [[-value for value in values] for values in graph(self)(y)])
