@@ -9,9 +9,9 @@ from contact_walkers import Frame
 from named import named
 
 import gaitopt as go
+from gaitopt import equations_of_motion
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.model.transitions import Ending
 
 B, H, MASS, LEAN = 0.1, 0.4, 2.0, 0.1

@@ -9,11 +9,9 @@ from contact_problems import contact_gait, with_point_feet
 from contact_walkers import Frame, dynamics_of
 from samples import sampled
 
-from gaitopt.model.control import Control
+from gaitopt import Control, Instant, Mode
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import COULOMB, shared_friction
-from gaitopt.model.instant import Instant
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.inchworm import Inchworm

@@ -2,24 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from contact_problems import sled
 from foot_impacts import foot_impact
 from numpy.typing import NDArray
-from oracles import passive_system
+from paper_walkers import COMPASS, compass, compass_numbers, compass_system, wheel_numbers, wheel_system
 
 from gaitopt import ImpactLaw, Mode
 from gaitopt.gait.trajectory import ImpactRecord
-from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS
-from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
-from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation.clear_cases import ClearCases
 from gaitopt.simulation.contact_forces import ContactForces, Mechanics, Solutions
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
@@ -29,36 +26,22 @@ from gaitopt.systems import problem_dynamics
 Array = NDArray[np.float64]
 
 NO_DATA = np.zeros(0)
-COMPASS = (1.6, 4, 0.8, 2, 9.8, np.radians(1))
 
 
-wheel = partial(passive_system, RimlessWheel)
-
-
-@cache
-def compass(law: ImpactLaw = ImpactLaw.COULOMB) -> HybridSystem:
-    return HybridSystem(CompassBiped, NoControl(), law)
-
-
-def wheel_parameters(friction: float, kappa: float = 1 / 3, slope: float = 0.2) -> Array:
-    return np.array([8, 1, 1, kappa, 1, slope, friction])
+wheel_at = partial(wheel_numbers, slope=0.2, spokes=8)
 
 
 def at_rest(p, z):
     """What the foot of the wheel does at rest."""
-    return ContactResolver(Dynamics(wheel(), p)).mode_at_rest(CONTACTS, 0.0, z, 0)
-
-
-def compass_parameters(friction: float) -> Array:
-    return np.array([*COMPASS, friction])
+    return ContactResolver(Dynamics(wheel_system(), p)).mode_at_rest(CONTACTS, 0.0, z, 0)
 
 
 def everything_possible(p: Array, z: Array) -> list[str]:
     """All consistent continuations of a wheel at rest, by its accelerations and by free flight."""
     friction, found = p[-1], []
     for mode in CONTACTS:
-        f_t, f_n = np.asarray(wheel().observation(mode)(0, z, p, [])[0]).ravel()
-        ddx = float(wheel().flow(mode)(0, z, p, [])[-1])
+        f_t, f_n = np.asarray(wheel_system().observation(mode)(0, z, p, [])[0]).ravel()
+        ddx = float(wheel_system().flow(mode)(0, z, p, [])[-1])
         holds = abs(f_t) <= friction * f_n if mode is Mode.STICK else mode.direction * ddx > 0
         if f_n > 0 and holds:
             found.append(str(mode))
@@ -73,7 +56,7 @@ def test_the_foot_at_rest_does_the_only_thing_that_is_possible_or_sticks() -> No
     rng = np.random.default_rng(7)
     seen, wedged = set(), 0
     for _ in range(1500):
-        p = wheel_parameters(10 ** rng.uniform(-2, 1.2), rng.uniform(0.05, 1), rng.uniform(-1, 1))
+        p = wheel_at(10 ** rng.uniform(-2, 1.2), rng.uniform(0.05, 1), slope=rng.uniform(-1, 1))
         z = np.array([rng.uniform(-0.39, 0.39), 0, rng.normal(), 0])
         decision = at_rest(p, z)
         outcome = str(decision.ending if isinstance(decision, Termination) else decision)
@@ -89,24 +72,24 @@ def test_the_foot_at_rest_does_the_only_thing_that_is_possible_or_sticks() -> No
 
 @pytest.mark.parametrize(("slope", "mode"), [(0.2, Mode.SLIP_FORWARD), (-0.2, Mode.SLIP_BACKWARD)])
 def test_an_upright_wheel_slides_downhill_without_friction(slope: float, mode: Mode) -> None:
-    assert at_rest(wheel_parameters(0.0, slope=slope), np.zeros(4)) is mode
-    assert at_rest(wheel_parameters(np.tan(0.201), slope=slope), np.zeros(4)) is Mode.STICK
+    assert at_rest(wheel_at(0.0, slope=slope), np.zeros(4)) is mode
+    assert at_rest(wheel_at(np.tan(0.201), slope=slope), np.zeros(4)) is Mode.STICK
 
 
 def test_at_the_edge_of_the_cone_the_rate_of_the_margin_decides() -> None:
     """The wheel rolls towards less friction at -theta and towards more at +theta."""
     for theta, mode in ((-0.3, Mode.STICK), (0.3, Mode.SLIP_FORWARD)):
         z = np.array([theta, 0, 0.5, 0])
-        f_t, f_n = np.asarray(wheel().observation(Mode.STICK)(0, z, wheel_parameters(1), [])[0]).ravel()
-        p = wheel_parameters(abs(f_t) / f_n)
-        _, rates = wheel().events(Mode.STICK)(0, z, p, [])
+        f_t, f_n = np.asarray(wheel_system().observation(Mode.STICK)(0, z, wheel_at(1), [])[0]).ravel()
+        p = wheel_at(abs(f_t) / f_n)
+        _, rates = wheel_system().events(Mode.STICK)(0, z, p, [])
         falling = float(rates[3 if f_t < 0 else 4]) < 0
         assert at_rest(p, z) is (Mode.slip(-f_t) if falling else Mode.STICK)
         assert falling == (mode is not Mode.STICK)
 
 
 def test_forces_that_are_not_finite_are_a_numerical_ending() -> None:
-    termination = at_rest(wheel_parameters(1), np.array([0, 0, 1e200, 0]))
+    termination = at_rest(wheel_at(1), np.array([0, 0, 1e200, 0]))
     assert isinstance(termination, Termination)
     assert termination.ending is Ending.NUMERICAL
 
@@ -128,9 +111,9 @@ def test_of_all_impacts_exactly_one_is_consistent_and_obeys_coulomb() -> None:
     rng = np.random.default_rng(3)
     seen = set()
     for _ in range(1000):
-        p = compass_parameters(10 ** rng.uniform(-2, 1))
+        p = compass_numbers(10 ** rng.uniform(-2, 1))
         z = touchdown(rng.uniform(0.05, 0.6), rng.uniform(0.3, 2), rng.uniform(-2, 0.3), rng.choice([0, rng.normal()]))
-        record = landed(Dynamics(compass(), p), z)
+        record = landed(Dynamics(compass_system(), p), z)
         if isinstance(record, Termination):
             assert record.ending is Ending.DOUBLE_SUPPORT
             continue
@@ -148,7 +131,7 @@ def test_of_all_impacts_exactly_one_is_consistent_and_obeys_coulomb() -> None:
 
 
 def test_the_record_counts_the_foot_from_zero_and_keeps_the_step() -> None:
-    record = landed(Dynamics(compass(), compass_parameters(0.5)), touchdown(0.15, 0.9, -0.3))
+    record = landed(compass(0.5), touchdown(0.15, 0.9, -0.3))
     assert isinstance(record, ImpactRecord)
     assert record.state[2] == 0
     assert record.step_length == pytest.approx(0.1 + 2 * 1.6 * np.sin(0.15), rel=1e-14)
@@ -158,10 +141,10 @@ def test_the_record_counts_the_foot_from_zero_and_keeps_the_step() -> None:
 @pytest.mark.parametrize("law", list(ImpactLaw))
 def test_the_impact_sticks_down_to_the_friction_that_it_needs(law: ImpactLaw) -> None:
     z = touchdown(0.15, 0.9, -0.3)
-    sticking = landed(Dynamics(compass(law), compass_parameters(1)), z)
+    sticking = landed(compass(1, law), z)
     assert isinstance(sticking, ImpactRecord)
     for factor, slips in ((1 + 1e-9, False), (1.0, False), (1 - 1e-9, True), (0.5, True)):
-        record = landed(Dynamics(compass(law), compass_parameters(sticking.impulse_ratio * factor)), z)
+        record = landed(compass(sticking.impulse_ratio * factor, law), z)
         assert isinstance(record, ImpactRecord)
         assert (record.mode is not Mode.STICK) == slips
         if slips and law is ImpactLaw.FRICTIONLESS:
@@ -173,7 +156,7 @@ def test_the_impact_sticks_down_to_the_friction_that_it_needs(law: ImpactLaw) ->
 def test_a_foot_that_comes_from_below_the_ground_has_no_impact(law: ImpactLaw, friction: float) -> None:
     """For theta < 0 the legs also pass each other, but there the foot rises."""
     for z in (touchdown(-0.15, 0.9, -0.3), touchdown(0.15, -0.9, 0.3), touchdown(-0.15, 0.9, -0.3, dx=0.4)):
-        termination = landed(Dynamics(compass(law), compass_parameters(friction)), z)
+        termination = landed(compass(friction, law), z)
         assert isinstance(termination, Termination)
         assert termination.ending is Ending.IMPACT_INCONSISTENT
         assert "the swing foot does not come down: its normal velocity is" in termination.reason
@@ -184,11 +167,13 @@ def test_no_impact_slips_in_the_paradox_of_painleve() -> None:
     """F_n (C_tt + mu s C_nt) = -det(C) v_n: the sign of the impulse says which slips have a solution."""
     rng, seen = np.random.default_rng(11), set()
     for _ in range(300):
-        p = wheel_parameters(10 ** rng.uniform(-1, 1.5), rng.uniform(0.01, 0.3))
+        p = wheel_at(10 ** rng.uniform(-1, 1.5), rng.uniform(0.01, 0.3))
         z = np.array([np.pi / 8, 0, rng.uniform(0.1, 2), rng.normal()])
-        record = landed(Dynamics(wheel(), p), z)
+        record = landed(Dynamics(wheel_system(), p), z)
         for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD):
-            _, impulse, slip, _, painleve = (np.asarray(output).ravel() for output in foot_impact(wheel(), mode)(z, p))
+            _, impulse, slip, _, painleve = (
+                np.asarray(output).ravel() for output in foot_impact(wheel_system(), mode)(z, p)
+            )
             assert np.sign(impulse[1]) == np.sign(painleve[0])
             if isinstance(record, ImpactRecord) and record.mode is mode:
                 assert painleve[0] > 0
@@ -203,10 +188,10 @@ def test_an_impact_at_the_very_edge_of_the_cone_sticks() -> None:
     for _ in range(100):
         z = touchdown(rng.uniform(0.05, 0.3), rng.uniform(0.3, 1.5), rng.uniform(-1, 0.2), rng.normal() * 0.1)
         _, (f_t, f_n), *_ = (
-            np.asarray(output).ravel() for output in foot_impact(compass(), Mode.STICK)(z, [*COMPASS, 1])
+            np.asarray(output).ravel() for output in foot_impact(compass_system(), Mode.STICK)(z, [*COMPASS, 1])
         )
         for rounding in (-2e-16, 0.0, 2e-16):
-            record = landed(Dynamics(compass(), compass_parameters(abs(f_t / f_n) * (1 + rounding))), z)
+            record = landed(compass(abs(f_t / f_n) * (1 + rounding)), z)
             if isinstance(record, Termination):
                 assert record.ending is Ending.DOUBLE_SUPPORT
             else:
@@ -224,10 +209,12 @@ def test_two_consistent_impacts_are_a_named_ending(monkeypatch: pytest.MonkeyPat
     solved = ContactForces.impacts
     monkeypatch.setattr(ContactForces, "impacts", spoiled)
     monkeypatch.setattr(ClearCases, "impact", lambda *_: ([True], False))
-    termination = landed(Dynamics(compass(), compass_parameters(0.5)), touchdown(0.1, 1, 0))
+    termination = landed(compass(0.5), touchdown(0.1, 1, 0))
     assert isinstance(termination, Termination)
     assert termination.ending is Ending.IMPACT_AMBIGUOUS
     assert "swing_foot stick and swing_foot slip_forward" in termination.reason
+    fast = [SimpleNamespace(motion=np.array([50.0, aside])) for aside in (0.0, 1e-12, 1.0)]
+    assert len(ContactResolver(compass(0.5))._different(fast)) == 2  # two of them move the walker alike
 
 
 def test_clear_cases_are_those_that_all_candidates_give(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -236,16 +223,16 @@ def test_clear_cases_are_those_that_all_candidates_give(monkeypatch: pytest.Monk
     def decisions() -> list[object]:
         found: list[object] = []
         for p, z, land in cases:
-            resolver = ContactResolver(Dynamics(compass(), p))
+            resolver = ContactResolver(Dynamics(compass_system(), p))
             decided = resolver.impact(Mode.STICK, row, z) if land else resolver.mode_at_rest(CONTACTS, 0.0, z, 0)
             found.append(decided.ending if isinstance(decided, Termination) else decided)
         return [decision.mode if isinstance(decision, ImpactRecord) else decision for decision in found]
 
-    row, cases = compass().transitions.of(Mode.STICK)["touchdown"], list[tuple[Array, Array, bool]]()
+    row, cases = compass_system().transitions.of(Mode.STICK)["touchdown"], list[tuple[Array, Array, bool]]()
     for land in (True, False) * 150:
         z = touchdown(rng.uniform(0.05, 0.6), rng.uniform(0.3, 2), rng.uniform(-2, 0.3))
         z[0] = z[0] if land else rng.uniform(-0.6, 0.6)
-        cases.append((compass_parameters(10 ** rng.uniform(-2, 1)), z, land))
+        cases.append((compass_numbers(10 ** rng.uniform(-2, 1)), z, land))
     quick = decisions()
     for name in ("impact", "at_rest"):
         monkeypatch.setattr(ClearCases, name, lambda *_: ([True], False))

@@ -14,18 +14,16 @@ from named import named
 from scipy.optimize import linprog
 from scipy.special import ellipk, ellipkinc
 
+from gaitopt import Contact, Mode, load_problem
 from gaitopt.errors import ProblemError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import trajectory_header, trajectory_rows
 from gaitopt.gait.measures import contact_record, measure, observe
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.mechanism import Contact
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.problem.problem import load_problem
 from gaitopt.simulation.contact_resolver import ContactResolver
 from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.simulator import Simulator, stepper_class

@@ -10,9 +10,9 @@ pytest.importorskip("heyoka")
 from contact_walkers import frame
 from named import named
 
-from gaitopt import Mode, load_problem, return_map
+from gaitopt import Control, Mode, load_problem, return_map
 from gaitopt.model.buffered import RowMap
-from gaitopt.model.control import Control, NoControl
+from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem

@@ -12,11 +12,7 @@ hy = pytest.importorskip("heyoka")
 
 from gaitopt import load_problem  # noqa: E402
 from gaitopt.model.modes import CONTACTS  # noqa: E402
-from gaitopt.simulation.heyoka_code import (  # noqa: E402
-    BINARY,
-    UNARY,
-    convert,
-)
+from gaitopt.simulation.heyoka_code import BINARY, UNARY, convert  # noqa: E402
 from gaitopt.systems import build_system  # noqa: E402
 
 ROUNDING = 1e-15
@@ -35,21 +31,13 @@ def evaluated(function, inputs, constants=()):
     return compiled(values, pars=np.asarray(conversion.constants(*constants), dtype=float).ravel())
 
 
-@pytest.mark.parametrize("operation", sorted(UNARY))
-def test_instruction_of_one_operand_has_the_same_value(operation):
-    x = SX.sym("x")
-    argument = 1.3 if operation == ca.OP_ACOSH else 0.3
-    function = Function("f", [x], [SX.unary(operation, x)])
-    expected = float(function(argument))
-    assert evaluated(function, [np.array([argument])])[0] == pytest.approx(expected, rel=10 * ROUNDING)
-
-
-@pytest.mark.parametrize("operation", sorted(BINARY))
-def test_instruction_of_two_operands_has_the_same_value(operation):
+@pytest.mark.parametrize("operation", [*sorted(UNARY), *sorted(BINARY)])
+def test_instruction_has_the_same_value(operation):
     x, y = SX.sym("x"), SX.sym("y")
-    function = Function("f", [x, y], [SX.binary(operation, x, y)])
-    expected = float(function(0.7, 1.9))
-    assert evaluated(function, [np.array([0.7]), np.array([1.9])])[0] == pytest.approx(expected, rel=10 * ROUNDING)
+    at = (1.3, 1.9) if operation == ca.OP_ACOSH else (0.3, 1.9)
+    value = SX.unary(operation, x) if operation in UNARY else SX.binary(operation, x, y)
+    function = Function("f", [x, y], [value])
+    assert evaluated(function, [*map(np.atleast_1d, at)])[0] == pytest.approx(float(function(*at)), rel=10 * ROUNDING)
 
 
 @pytest.mark.parametrize("kinked", [ca.fabs, ca.sign, ca.floor])

@@ -114,13 +114,9 @@ def test_multiplier_of_the_wheel_is_beta_squared_to_thirteen_digits():
     assert point.jacobian == pytest.approx(np.array([[beta**2]]), abs=1e-13)
 
 
-def test_gait_is_verified_on_heyoka():
+def test_gait_is_verified_on_heyoka_and_refuted_if_it_is_spoilt():
     gait = named("compass-passive-a")
     assert verify(gait, engine="heyoka").passed
-
-
-def test_gait_that_is_spoilt_is_refuted_on_heyoka():
-    gait = named("compass-passive-a")
     step, first = gait.steps[0], gait.arcs[0]
     states = first.states.copy()
     states[0, 3] += 1e-6
@@ -139,18 +135,12 @@ def test_slip_that_begins_and_ends_within_one_series_is_found():
     assert step.arcs[0].duration < 0.03
 
 
-def test_engine_that_does_not_exist_is_named():
+def test_auto_compiles_for_many_steps_only_and_an_engine_that_is_not_there_is_named(monkeypatch):
+    assert stepper_class("auto") is ScipyStepper
+    assert stepper_class("auto", steps=10**5) is HeyokaStepper
     with pytest.raises(UnknownNameError, match="no engine is called 'euler'; use auto, scipy, heyoka"):
         choose_engine("euler")
-
-
-def test_engine_that_is_not_installed_is_said_so(monkeypatch):
     monkeypatch.setattr("gaitopt.simulation.engine.find_spec", lambda name: None)
     with pytest.raises(UnknownNameError, match=r"not installed: pip install 'gaitopt\[fast\]'"):
         choose_engine("heyoka")
     assert choose_engine("auto", steps=10**6) == "scipy"
-
-
-def test_auto_compiles_for_many_steps_only():
-    assert stepper_class("auto") is ScipyStepper
-    assert stepper_class("auto", steps=10**5) is HeyokaStepper

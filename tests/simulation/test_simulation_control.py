@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from casadi import SX, exp
 from numpy.typing import NDArray
+from paper_walkers import COMPASS
+from paper_walkers import COMPASS_START as START
 from scipy.integrate import solve_ivp
 
+from gaitopt import Control, Instant, Mode
 from gaitopt.gait import curves
 from gaitopt.gait.measures import observe
-from gaitopt.model.control import Control
 from gaitopt.model.curve import Curve, Piece
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.instant import Instant
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.transitions import Ending
@@ -23,9 +23,6 @@ from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import ReturnMap
 
 Array = NDArray[np.float64]
-
-START = np.array([-0.1478, -0.1478, 0, 0.7328, -0.5007, 0])
-COMPASS = (1.6, 4, 0.8, 2, 9.8, np.radians(1))
 
 
 class Staircase(Control):
@@ -62,11 +59,8 @@ class Pulse(Control):
 
 
 def staircase(breakpoints: tuple[float, ...], *levels: tuple[float, float], friction: float = 0.3) -> Simulator:
-    return Simulator(
-        Dynamics(
-            HybridSystem(CompassBiped, Staircase(times=breakpoints, levels=levels)), np.array([*COMPASS, friction])
-        )
-    )
+    system = HybridSystem(CompassBiped, Staircase(times=breakpoints, levels=levels))
+    return Simulator(Dynamics(system, np.array([*COMPASS, friction])))
 
 
 def test_arcs_end_exactly_at_the_breakpoints_of_the_control() -> None:

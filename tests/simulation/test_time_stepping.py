@@ -12,8 +12,8 @@ import pytest
 from contact_walkers import ContactCase, crawler, heel_toe, inchworm
 from time_stepping import bounce, walk
 
+from gaitopt import load_problem
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.problem.problem import load_problem
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
 

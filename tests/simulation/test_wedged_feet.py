@@ -16,7 +16,7 @@ from oracles import compass_oracle
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
-from gaitopt.model.modes import Mode
+from gaitopt import Mode
 from gaitopt.simulation.contact_resolver import ContactResolver
 from gaitopt.simulation.simulator import Simulator
 
