@@ -91,13 +91,7 @@ def test_sticking_and_a_sticking_impact_may_both_lack_friction():
     impact = causes[1].to_record()
     assert (impact["what"], impact["phase"]) == ("friction", None)
     assert impact["needed"] == pytest.approx(0.2374, abs=1e-4)
-
-
-def test_a_gait_has_no_causes():
     assert solve(load_problem("rimless-wheel-stick")).causes == ()
-
-
-def test_a_cause_without_numbers_has_none():
     record = Cause(what="search", words="nothing").to_record()
     assert {key for key, value in record.items() if value is None} == {"phase", "time", "needed", "available"}
 
