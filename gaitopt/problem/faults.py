@@ -259,9 +259,7 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
         allowed = f"at least {lower:g} and at most {upper:g}"
         if violated == SMALLEST_SIZE:
             allowed = f"greater than 0, and at least {SMALLEST_SIZE:g}"
-        elif (
-            lower in (-LARGEST_SIZE, SMALLEST_SIZE) or upper == LARGEST_SIZE
-        ):  # the other limit only keeps products from overflowing
+        elif lower in (-LARGEST_SIZE, SMALLEST_SIZE) or upper == LARGEST_SIZE:  # which keeps products from overflowing
             allowed = f"at {'least' if kind == 'greater_than_equal' else 'most'} {violated:g}"
         without_unit = "[rad]" in description and isinstance(value, int | float) and abs(value) > 1
         remedy = f"; did you mean {value:g} deg?" if without_unit else ""
