@@ -314,7 +314,10 @@ class Reference(BaseModel):
         yield from ()
 
     def _curve(self, phase: str, span: tuple[float, float], beyond_end: BeyondEnd | None) -> Curve:
-        raise ValueError(f"the motion follows from {self.source[0] or 'a curve'}, which is not known")
+        if self.source[0]:
+            raise ValueError(f"the motion follows from {self.source[0]}, which is not known")
+        points = {name: tuple(map(_value, row)) for name, row in self.points.items()}
+        return bezier_curve(points, span, phase=phase, beyond_end=beyond_end, bounds=_free_bounds(self.points))
 
 
 def _argument_faults(
@@ -362,12 +365,6 @@ def untracked(walker: WalkerType) -> str:
     return f"is not a tracked joint of {walker.model}; {words}"
 
 
-def _given_curve(reference: Reference, span: tuple[float, float], phase: str, beyond_end: BeyondEnd | None) -> Curve:
-    """The curves of control points in the file."""
-    points = {name: tuple(map(_value, row)) for name, row in reference.points.items()}
-    return bezier_curve(points, span, phase=phase, beyond_end=beyond_end, bounds=_free_bounds(reference.points))
-
-
 class ConstantReference(Reference):
     """Constant angles."""
 
@@ -398,9 +395,6 @@ class ConstantReference(Reference):
             for value in _extremes(point):
                 if joint in {*walker.shape} - {*walker.lengths} and abs(value) > walker.largest_angle:
                     yield ("constant", joint), f"{value:g} is impossible: {_angle_limit(walker)}"
-
-    def _curve(self, phase: str, span: tuple[float, float], beyond_end: BeyondEnd | None) -> Curve:
-        return _given_curve(self, span, phase, None)
 
 
 class BezierReference(Reference):
@@ -470,9 +464,6 @@ class BezierReference(Reference):
         size = _largest_value([_value(point) for point in points])
         if size > largest:
             yield ("bezier", name), f"reaches {size:g} rad, which is impossible: {words}"
-
-    def _curve(self, phase: str, span: tuple[float, float], beyond_end: BeyondEnd | None) -> Curve:
-        return _given_curve(self, span, phase, beyond_end)
 
 
 class TableReference(Reference):
