@@ -79,11 +79,8 @@ def test_the_pushes_of_the_readme_die_out(monkeypatch, tmp_path):
     exec(compile(re.findall(r"```python\n(.*?)```", README, re.DOTALL)[0], "README", "exec"), names)  # noqa: S102
     walk, gait = names["walk"], names["gait"]
     assert walk.trajectory.ending == "completed"
-    assert (
-        abs(walk.trajectory.section_states[-1] - gait.state).max()
-        < 1e-4
-        < abs(walk.trajectory.start - gait.state).max()
-    )
+    first, last = (abs(z - gait.state).max() for z in (walk.trajectory.start, walk.trajectory.section_states[-1]))
+    assert last < 1e-4 < first
     assert simulate(gait, {"theta1": 1.1 * gait.state[0]}, steps=50).trajectory.ending != "completed"
     (line,) = [shlex.split(command) for command in COMMANDS if command.startswith("gaitopt simulate")]
     record = simulate(load_problem(line[2]), options.state([line[4]]), int(line[6])).to_record()
@@ -206,11 +203,8 @@ def test_the_sidebar_has_four_groups_of_at_most_seven_and_every_page_is_listed_o
     groups = re.findall(r":caption: ([^\n]+)\n\n(.*?)\n```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL)
     assert [name for name, _ in groups] == ["Start", "Do", "Understand", "Look up"]
     assert all(len(pages.split()) <= 7 for _, pages in groups)
-    below = [
-        entries
-        for page in PAGES
-        for entries in re.findall(r"toctree}\n:hidden:\n\n(.*?)\n```", page.read_text(), re.DOTALL)
-    ]
+    hidden = re.compile(r"toctree}\n:hidden:\n\n(.*?)\n```", re.DOTALL)
+    below = [entries for page in PAGES for entries in hidden.findall(page.read_text())]
     listed = [page for pages in (*(pages for _, pages in groups), *below) for page in pages.split()]
     pages = {page.relative_to(ROOT / "docs").with_suffix("").as_posix() for page in GUIDE}
     assert sorted(listed) == sorted(pages - {"index", "changelog"} | {"notebooks/tour"})

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tomllib
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -17,13 +18,11 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 
-def test_every_public_name_can_be_imported():
+def test_every_public_name_and_no_other_is_listed_and_can_be_imported():
     for name in gaitopt.__all__:
         assert getattr(gaitopt, name).__module__.startswith("gaitopt.")
-    assert set(gaitopt.__all__) <= set(dir(gaitopt))
-
-
-def test_an_unknown_name_lists_those_that_there_are():
+        assert find_spec(f"gaitopt.{name}") is None, "a package takes the name of a public function"
+    assert dir(gaitopt) == sorted([*gaitopt.__all__, "__version__"])
     with pytest.raises(AttributeError, match=r"no attribute 'slove'.*solve"):
         gaitopt.slove  # noqa: B018 - the access is the test
 

@@ -126,12 +126,9 @@ def test_proofs_survive_pickles_ball_by_ball():
     assert not sent(arb("nan")).is_finite()
 
 
-def test_modes_are_the_same_objects():
+def test_modes_are_the_same_objects_and_equal_systems_are_unpickled_once():
     mode = Mode("stick, knee free")
     assert all(way(mode) is mode for way in WAYS.values())
-
-
-def test_equal_systems_are_unpickled_once():
     gait = named("compass-pd-impact-slip")
     first, second = (sent(gait) for _ in range(2))
     assert first.system is second.system
@@ -149,23 +146,21 @@ def test_a_copied_family_goes_on_from_the_same_solutions(way):
     assert content(again.solve(problems[-1]).steps) == content(family.solve(problems[-1]).steps)
 
 
-def test_processes_of_an_executor_compute_with_what_they_are_sent():
+def pool(kind):
+    """An executor with one process, of the standard library or of Dask."""
+    return connected(1, None) if kind == "dask" else ProcessPoolExecutor(1, multiprocessing.get_context("spawn"))
+
+
+@pytest.mark.parametrize("kind", ["process pool", pytest.param("dask", marks=pytest.mark.slow)])
+def test_other_processes_compute_with_what_they_are_sent(kind):
     gait = named("compass-pd-impact-slip")
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as processes:
+    with pool(kind) as processes:
         again = processes.submit(solve, gait.problem, progress=False).result()
         walk = processes.submit(simulate, gait, steps=2).result()
         verification = processes.submit(verify, gait).result()
     assert content(again.steps) == content(gait.steps)
     assert content(walk.trajectory) == content(simulate(gait, steps=2).trajectory)
     assert repr(verification) == repr(verify(gait))
-
-
-@pytest.mark.slow
-def test_workers_of_dask_compute_with_what_they_are_sent():
-    gait = named("compass-passive-a")
-    with connected(1, None) as client:
-        walk = client.submit(simulate, gait, steps=2).result()
-    assert content(walk.trajectory) == content(simulate(gait, steps=2).trajectory)
 
 
 PLUGIN = """
@@ -190,7 +185,7 @@ def test_walkers_of_modules_are_imported_where_they_arrive(tmp_path, monkeypatch
     assert "install the package of the walker there" in refused
 
 
-def test_a_walker_that_no_module_holds_is_refused_with_a_sentence(tmp_path):
+def test_a_walker_that_no_module_holds_is_refused_with_a_sentence_but_dask_sends_it_by_value(tmp_path):
     class Local(RimlessWheel):
         model = "home_made"
 
@@ -198,15 +193,7 @@ def test_a_walker_that_no_module_holds_is_refused_with_a_sentence(tmp_path):
     with pytest.raises(pickle.PicklingError, match=r"another process cannot import its class .*Local.*; define"):
         pickle.dumps(problem)
     assert copy.deepcopy(problem) == problem
-
-
-def test_dask_sends_a_walker_that_no_module_holds_by_value(tmp_path):
-    cloudpickle = pytest.importorskip("cloudpickle")
-
-    class Local(RimlessWheel):
-        model = "home_made"
-
-    gait = solve(load_problem(_wheel_file(tmp_path), walkers=[Local]), progress=False)
+    cloudpickle, gait = pytest.importorskip("cloudpickle"), solve(problem, progress=False)
     assert content(sent(gait, cloudpickle.dumps).steps) == content(gait.steps)
 
 

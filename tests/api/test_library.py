@@ -1,6 +1,5 @@
 """Objects say in a line what they are, draw and tabulate themselves, and survive the disk bit by bit."""
 
-import importlib.util
 import io
 import sys
 from base64 import b64decode
@@ -13,7 +12,7 @@ from pictured import gait
 from rich.console import Console
 
 import gaitopt as go
-from gaitopt.errors import ProblemError, StorageError
+from gaitopt.errors import StorageError
 from gaitopt.gait.gait import Cause
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.search.explain import Explanation
@@ -187,11 +186,6 @@ def test_special_points_over_an_angle_are_printed_in_degrees_as_well():
     assert "rad (3 deg): fold" in written.getvalue()
 
 
-def test_a_wrong_range_is_named():
-    with pytest.raises(ProblemError, match=r"friction.*\(LO, HI, N\)|LO:HI:N"):
-        go.sweep(go.load_problem(WHEEL), {"friction": (0.3, 0.3, 4)})
-
-
 def test_progress_is_shown_on_a_terminal_and_nowhere_else(monkeypatch):
     class Terminal(io.StringIO):
         def isatty(self):
@@ -206,11 +200,6 @@ def test_progress_is_shown_on_a_terminal_and_nowhere_else(monkeypatch):
     monkeypatch.setattr(sys, "stderr", silent)
     go.solve(go.load_problem(WHEEL), progress=False)
     assert not silent.getvalue()
-
-
-def test_no_package_takes_the_name_of_a_public_function():
-    for name in go.__all__:
-        assert importlib.util.find_spec(f"gaitopt.{name}") is None, name
 
 
 @pytest.mark.slow

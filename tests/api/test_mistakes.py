@@ -51,6 +51,7 @@ def sentence(call):
         (lambda: go.neighbourhood(PASSIVE), "neighbourhood takes a gait, not a problem"),
         (lambda: go.return_map(PASSIVE, [[0.1]]), "give load_problem('compass-passive-a')"),
         (lambda: go.parse_problem("my.yaml"), "load_problem('my.yaml') reads a file"),
+        (lambda: go.sweep(PASSIVE, {"friction": (0.3, 0.3, 4)}), "friction"),
     ],
 )
 def test_a_wrong_call_names_the_right_one(call, words):
@@ -129,20 +130,12 @@ def test_a_bound_of_a_proof_is_rounded_to_what_is_known():
     assert enclosure("1", "3") == "2 ± 1"
 
 
-def test_only_public_names_are_listed():
-    assert dir(go) == sorted([*go.__all__, "__version__"])
-    assert PASSIVE in go.problem_names()
-
-
-def test_a_failed_gait_has_no_period_and_says_why():
+def test_a_gait_says_whether_it_is_stable_a_failed_one_why_it_failed_and_a_walk_whether_it_took_its_steps():
     failed = go.solve(go.load_problem("rimless-wheel-stick").replace({"walker.slope": 0.0}), progress=False)
     assert failed.period is None
     assert failed.stable is None
     assert failed.to_record()["period"] is None
     assert f"{failed.status}: {failed.message}" in repr(failed)
-
-
-def test_a_gait_says_whether_it_is_stable_and_a_walk_whether_it_took_its_steps():
     gait = named("rimless-wheel-slip")
     assert gait.stable is True
     assert go.simulate(gait, steps=2).completed

@@ -42,16 +42,12 @@ def test_the_best_of_several_starts_becomes_the_gait_of_its_problem_as_the_comma
         go.solve(problem.replace({"friction": 0.43}), start=best)
 
 
-def test_nothing_is_kept_unless_asked_for():
+def test_nothing_is_kept_unless_asked_for_and_no_failed_solve():
     go.solve(WHEEL)
     go.simulate(WHEEL)
     go.continuation(named(WHEEL), "friction", TARGET, max_points=3)
     assert not list(Path().iterdir())
-
-
-def test_a_failed_solve_is_not_kept():
-    gait = go.solve(go.load_problem(WHEEL).replace({"walker.slope": 0.01}), output="run")
-    assert not gait.converged
+    assert not go.solve(go.load_problem(WHEEL).replace({"walker.slope": 0.01}), output="run").converged
     assert not (Path("run") / "gait.json").exists()
 
 
@@ -92,12 +88,7 @@ def test_a_branch_is_kept_and_resumed_across_library_and_command(run):
 def test_records_of_a_branch_come_one_by_one_and_are_read_back_as_they_were():
     records = go.continuation_records(named(WHEEL), "friction", TARGET, max_points=3, output="branch")
     head = next(records)
-    assert (head["record"], head["parameter"], head["folder"], head["stored"]) == (
-        "continuation",
-        "friction",
-        "branch",
-        0,
-    )
+    assert head.items() >= {"record": "continuation", "parameter": "friction", "folder": "branch", "stored": 0}.items()
     first = next(records)
     assert first["record"] == "point"
     assert '"index": 0' in Path("branch/branch.jsonl").read_text()  # on the disk before it is used
@@ -169,8 +160,6 @@ def test_a_kept_gait_is_taken_from_its_folder_on_request(monkeypatch):
     again = go.solve(WHEEL, output="run", reuse=True)
     np.testing.assert_array_equal(again.state, gait.state)
     assert go.load_records("run")[0]["state"] == gait.to_record()["state"]
-    with pytest.raises(ProblemError, match="give output=True or a folder"):
-        go.solve(WHEEL, reuse=True)
 
 
 def test_figures_in_a_run_folder_get_their_checksums_and_stay_theirs():
@@ -209,11 +198,6 @@ def test_a_call_that_fails_in_another_process_names_the_error():
     assert "ValueError" in results[1].reason
 
 
-def test_events_cannot_be_kept():
-    with pytest.raises(ProblemError, match="cannot be stored"):
-        go.continuation(named(WHEEL), "friction", TARGET, events={"x": lambda gait: 1.0}, output="branch")
-
-
 @pytest.mark.slow
 def test_parts_of_a_search_are_kept():
     problem = go.load_problem(WHEEL).replace({"gait.phases": "auto"})
@@ -234,21 +218,24 @@ def test_a_proof_is_kept_and_checked_again():
         go.check_proof("nothing.json")
 
 
-def test_a_special_point_needs_its_parameter_and_a_gait():
+def test_what_cannot_be_kept_or_searched_around_is_refused():
+    with pytest.raises(ProblemError, match="give output=True or a folder"):
+        go.solve(WHEEL, reuse=True)
+    with pytest.raises(ProblemError, match="cannot be stored"):
+        go.continuation(named(WHEEL), "friction", TARGET, events={"x": lambda gait: 1.0}, output="branch")
+    with pytest.raises(SolveError, match="is not an optimum"):
+        go.neighbourhood(named(WHEEL))
+
+
+def test_a_special_point_is_proved_with_its_parameter_if_its_gait_exists():
     pytest.importorskip("flint")
     branch = go.continuation(named(WHEEL), "friction", TARGET, max_points=2)
     with pytest.raises(ProblemError, match="name the parameter"):
         go.prove(branch.specials[-1])
     with pytest.raises(UnknownNameError, match=r"is of type end; .* can be proved"):
         go.prove(branch.specials[-1], parameter="friction")
-
-
-def test_a_special_point_whose_gait_does_not_exist_is_an_error_with_the_failed_solve():
-    pytest.importorskip("flint")
-    gait = named("rimless-wheel-stick")
-    special = SpecialPoint(
-        branch=0, type="mode_change", value=0.5, status="guess", gait=gait
-    )  # it needs 0.914 to stick
+    gait = named("rimless-wheel-stick")  # it needs 0.914 to stick
+    special = SpecialPoint(branch=0, type="mode_change", value=0.5, status="guess", gait=gait)
     with pytest.raises(SolveError, match="infeasible") as caught:
         go.prove(special, parameter="friction")
     assert not caught.value.result.converged
@@ -262,8 +249,3 @@ def test_results_know_their_folders_and_figures_are_saved():
     assert path.read_bytes().startswith(b"<?xml")
     with pytest.raises(UnknownNameError, match="landscape: choose from"):
         go.save_figures(swept, "figures", ["landscape"])
-
-
-def test_only_a_design_has_a_neighbourhood():
-    with pytest.raises(SolveError, match="is not an optimum"):
-        go.neighbourhood(named(WHEEL))

@@ -103,13 +103,10 @@ def test_gains_of_a_reference_are_unknowns_like_any_other():
     assert verify(gait).passed
 
 
-def test_slope_for_a_given_speed_is_the_one_that_has_it():
-    gait = solve(load_problem("rimless-wheel-slope"))
-    fixed = solve(load_problem("rimless-wheel-slip").replace({"walker.slope": gait.freed["walker.slope"]}))
+def test_slope_for_a_given_speed_has_it_and_least_friction_is_what_the_sticking_gait_requires():
+    slope = solve(load_problem("rimless-wheel-slope")).freed["walker.slope"]
+    fixed = solve(load_problem("rimless-wheel-slip").replace({"walker.slope": slope}))
     assert fixed.measures["speed"] == pytest.approx(0.8, abs=1e-9)
-
-
-def test_least_friction_is_what_the_sticking_gait_requires():
     gait = solve(load_problem("compass-minimum-friction"))
     assert gait.converged
     required = max(gait.measures["required_friction"], gait.measures["impulse_ratio"])
@@ -187,13 +184,14 @@ def test_designed_reference_answers_the_open_problem():
     assert recovered(gait, walks=100, steps=40, size=0.05) >= 95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("objective", "numbers", "least"),
     [
-        pytest.param("peak_torque", (0.442, 0.152, 0.0066), 0.477464872643, marks=pytest.mark.slow),
-        pytest.param("required_friction", (0.351, 0.268, 0.0034), 0.0926491062422, marks=pytest.mark.slow),
-        pytest.param("torque_squared", (0.488, 0.598, 0.0063), 0.379408927456, marks=pytest.mark.slow),
-        pytest.param("required_friction", (0.44, 0.419, 0.0005), 0.112401970918, marks=pytest.mark.slow),
+        ("peak_torque", (0.442, 0.152, 0.0066), 0.477464872643),
+        ("required_friction", (0.351, 0.268, 0.0034), 0.0926491062422),
+        ("torque_squared", (0.488, 0.598, 0.0063), 0.379408927456),
+        ("required_friction", (0.44, 0.419, 0.0005), 0.112401970918),
     ],
 )
 def test_an_optimum_is_reached_although_gaits_end_on_the_way(objective, numbers, least):

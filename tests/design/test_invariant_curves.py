@@ -84,9 +84,6 @@ def test_curves_that_cannot_be_invariant_are_refused():
     with pytest.raises(go.GaitoptError, match=r"control\.law: pd does not keep the outputs at zero"):
         stated(REFERENCE=f"{CURVE}\n  law: pd")
     assert not stated(REFERENCE=CURVE.replace("true", "false")).control.is_invariant
-
-
-def test_pd_control_has_no_invariant_curves():
     curve = {"degree": 3, "start": "compass-passive-stick", "invariant": True}
     with pytest.raises(go.GaitoptError, match=r"curve\.invariant: applies to virtual_constraints"):
         go.load_problem("compass-pd-designed").replace({"control.reference": {"curve": curve, "beyond_end": "hold"}})

@@ -25,10 +25,8 @@ constraints: {speed: 0.4, state.dx: {min: 0.05}}
 
 
 def compass(*, order="constant", friction="0.12", intervals=3, **changes):
-    text = (
-        COMPASS.replace("ORDER", order).replace("FRICTION", friction).replace("intervals: 3", f"intervals: {intervals}")
-    )
-    return go.parse_problem(text).replace(changes)
+    text = COMPASS.replace("ORDER", order).replace("FRICTION", friction)
+    return go.parse_problem(text.replace("intervals: 3", f"intervals: {intervals}")).replace(changes)
 
 
 @pytest.mark.parametrize(("order", "friction"), [("constant", "0.12"), ("linear", "{free: [0.1, 0.12], guess: 0.11}")])

@@ -202,22 +202,18 @@ def judged(error, slip=0.0, endings=None, steps=STEPS, effect=0.1):
     )  # fmt: skip
 
 
-def test_an_engine_whose_errors_tend_to_zero_is_consistent():
-    right = judged(0.0)
-    assert right.consistent is True
-    assert "all errors tend to zero with the time step" in right.consistent_reason
-    assert right.to_record()["consistent"] is True
-    assert right.to_record()["consistent_reason"] == right.consistent_reason
-
-
 @pytest.mark.parametrize(
-    ("error", "slip", "name"), [(1e-4, 0.0, "angle of a body"), (-1e-4, 0.0, "angle"), (0.0, 0.04, "slip forward")]
+    ("error", "slip", "name"),
+    [(0.0, 0.0, ""), (1e-4, 0.0, "angle of a body"), (-1e-4, 0.0, "angle"), (0.0, 0.04, "slip forward")],
 )
-def test_an_engine_whose_errors_tend_to_another_limit_is_not(error, slip, name):
-    wrong = judged(error, slip)
-    assert wrong.consistent is False
-    assert f"{name}" in wrong.consistent_reason
-    assert "as the time step tends to zero" in wrong.consistent_reason
+def test_an_engine_is_consistent_if_and_only_if_its_errors_tend_to_zero(error, slip, name):
+    result = judged(error, slip)
+    assert result.consistent is not bool(name)
+    limit = "as the time step tends to zero" if name else "all errors tend to zero with the time step"
+    assert name in result.consistent_reason
+    assert limit in result.consistent_reason
+    record = result.to_record()
+    assert (record["consistent"], record["consistent_reason"]) == (result.consistent, result.consistent_reason)
 
 
 def test_runs_that_do_not_tell_are_neither():
@@ -329,28 +325,16 @@ def test_an_impact_near_the_limit_of_friction_converges_in_siconos():
         outcome("torso-passive", simulator, 1e-3, simulator.settings["best"])
 
 
-def test_a_crash_is_a_result_of_its_time_step():
+def test_a_crash_an_error_and_a_motion_that_diverges_are_results_of_their_time_step():
     (result,) = go.replay("compass-passive-stick", Crashing, time_steps=[2e-3, 5e-4, 1e-3], progress=False)
     assert [o.dt for o in result.outcomes] == [2e-3, 1e-3, 5e-4]
     assert [o.ending for o in result.outcomes] == ["no touchdown", "no touchdown", "crashed: SIGABRT"]
     assert result.order is None
     assert result.largest_dt is None
-
-
-def test_an_error_of_the_engine_is_a_result():
     assert outcome("compass-passive-stick", Failing, 2e-3, {}).ending == "failed: the contact solver does not converge"
-
-
-def test_a_motion_that_diverges_is_named():
     (result,) = go.replay("compass-passive-stick", Diverging, time_steps=[2e-3], progress=False)
     assert [o.ending for o in result.outcomes] == ["diverged"]
     assert result.to_record()["state_error"] == [None]
-
-
-def test_a_call_ends_when_it_is_asked_to():
-    gait = go.solve("compass-passive-stick", progress=False)
-    with pytest.raises(KeyboardInterrupt):
-        go.replay(gait, Hanging, time_steps=[2e-3], progress=False, should_stop=lambda: True)
 
 
 def test_a_time_step_that_is_given_twice_counts_once():
@@ -359,8 +343,10 @@ def test_a_time_step_that_is_given_twice_counts_once():
     assert result.order is None
 
 
-def test_a_folder_that_cannot_be_written_is_refused_before_the_engine_runs(tmp_path, monkeypatch):
+def test_a_call_ends_when_it_is_asked_to_and_a_folder_that_cannot_be_written_is_refused_first(tmp_path, monkeypatch):
     gait = go.solve("compass-passive-stick", progress=False, output=tmp_path / "run")
+    with pytest.raises(KeyboardInterrupt):
+        go.replay(gait, Hanging, time_steps=[2e-3], progress=False, should_stop=lambda: True)
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(StorageError, match=r"cannot write .*run is not writable"):
         go.replay(gait, Hanging, time_steps=[2e-3], progress=False, output=tmp_path / "run")

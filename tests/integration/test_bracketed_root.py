@@ -28,8 +28,5 @@ def test_bracketed_root_is_where_the_function_changes_sign(function, low, high, 
     assert bracketed_root(counted, low, high, 1e-12) == pytest.approx(root, abs=1e-12)
     assert len(calls) < 120
     assert all(low <= x <= high for x in calls)
-
-
-def test_bracketed_root_refuses_an_interval_without_a_change_of_sign():
     with pytest.raises(ValueError, match="no change of sign"):
         bracketed_root(lambda x: x * x + 1, -1.0, 1.0, 1e-12)

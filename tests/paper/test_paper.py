@@ -42,15 +42,17 @@ def archive(tmp_path_factory):
     return Archive(tmp_path_factory.mktemp("results"))
 
 
-def test_every_number_and_sentence_is_in_the_committed_table():
+def test_the_committed_table_and_figures_are_complete_and_every_difference_has_a_reason():
     numbers = [(entry["where"], entry["quantity"], entry["printed"]) for entry in committed()["numbers"]]
     assert numbers == [(number.where, number.quantity, number.printed) for number in NUMBERS]
     assert [entry["sentence"] for entry in committed()["sentences"]] == [sentence.text for sentence in SENTENCES]
-
-
-def test_a_number_that_differs_has_a_reason_and_every_reason_is_explained():
     assert all(entry["agrees"] or entry["reason"] for entry in committed()["numbers"])
     assert set(EXPLANATIONS) == set(Reason)
+    assert {path.stem for path in COMMITTED.glob("*.svg")} == set(FIGURES)
+    assert (COMMITTED / "table.md").read_text(encoding="utf-8") == markdown(committed())
+    page = (COMMITTED.parents[1] / "docs" / "reproduction.md").read_text(encoding="utf-8")
+    agreeing = sum(entry["agrees"] for entry in committed()["numbers"])
+    assert f"Of {len(numbers)} printed numbers, {agreeing} agree" in page
 
 
 def test_rounding_is_a_reason_only_where_the_rounding_of_the_torques_reaches_the_printed_number():
@@ -69,15 +71,7 @@ def test_a_part_of_the_table_computed_again_is_what_is_committed(archive):
             assert row(archive, number)["computed"] == pytest.approx(entry["computed"], abs=SAME), number.quantity
 
 
-def test_every_committed_figure_is_there_and_no_other():
-    assert {path.stem for path in COMMITTED.glob("*.svg")} == set(FIGURES)
-
-
-def test_the_committed_markdown_is_that_of_the_committed_numbers():
-    assert (COMMITTED / "table.md").read_text(encoding="utf-8") == markdown(committed())
-
-
-def test_no_problem_is_computed_twice():
+def test_every_source_is_a_problem_that_is_computed_once():
     everything = set().union(*needs(parts()).values())
     digests = [problem_of(name).digest for kind, name in everything if kind is not Kind.ROUNDED]
     assert len(digests) == len(set(digests)) == len({problem_of(name).digest for name in SOURCES})
@@ -107,11 +101,6 @@ def test_the_remaining_time_is_told_from_the_first_family_on(tmp_path, monkeypat
     assert np.all(np.diff(counts) >= 0)
 
 
-@pytest.mark.parametrize("name", SOURCES)
-def test_every_source_is_a_problem(name):
-    assert problem_of(name).digest
-
-
 def test_copied_torques_are_the_closed_form_difference_of_gravity():
     walker = passive().problem.walker
     moment = walker.gravity * (
@@ -123,9 +112,6 @@ def test_copied_torques_are_the_closed_form_difference_of_gravity():
         hip = swing * (np.sin(theta2) - np.sin(theta2 - walker.slope))
         ankle = moment * (np.sin(theta1 + walker.slope) - np.sin(theta1)) - hip
         np.testing.assert_allclose(torques, np.column_stack([ankle, hip]), rtol=0, atol=1e-12)
-
-
-def test_mean_torques_lie_between_the_extremes():
     torques = np.vstack([values for _, values in copied_torques(passive())])
     assert np.all(torques.min(axis=0) < mean_torques(passive()))
     assert np.all(mean_torques(passive()) < torques.max(axis=0))
@@ -161,36 +147,27 @@ def test_an_unknown_paper_or_figure_ends_with_the_names(arguments, word, capsys)
     assert word in capsys.readouterr().err
 
 
-def call_interrupted_in_casadi():
-    try:
-        signal.raise_signal(signal.SIGINT)
-    except KeyboardInterrupt:
-        raise NotImplementedError("wrong arguments") from None
+@pytest.mark.parametrize("interrupted", [True, False])
+def test_an_interrupt_that_casadi_turns_into_another_error_is_still_an_interrupt(interrupted):
+    def call() -> None:
+        try:
+            if interrupted:
+                signal.raise_signal(signal.SIGINT)
+        finally:
+            raise NotImplementedError("wrong arguments")
+
+    with pytest.raises(KeyboardInterrupt if interrupted else NotImplementedError), interruptible():
+        call()
 
 
-def test_an_interrupt_that_casadi_turns_into_another_error_is_still_an_interrupt():
-    with pytest.raises(KeyboardInterrupt), interruptible():
-        call_interrupted_in_casadi()
-
-
-def test_an_error_without_an_interrupt_stays_what_it_is():
-    with pytest.raises(NotImplementedError), interruptible():
-        raise NotImplementedError("wrong arguments")
-
-
-def test_one_figure_alone_is_written_to_its_folder(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["reproduce", "gamus-or-2013", "--only", "fig3", "-o", "pictures"]) == 0
-    assert sorted(path.name for path in Path("pictures").iterdir()) == ["fig3.png", "fig3.svg"]
-    assert capsys.readouterr().out.split() == ["pictures/fig3.svg", "pictures/fig3.png"]
-
-
-def test_the_library_writes_what_the_command_writes(tmp_path, monkeypatch):
+def test_one_figure_alone_is_written_to_its_folder_by_the_command_and_the_library(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     said: list[str] = []
     (svg, _) = gaitopt.reproduce(only=["fig3"], output="library", workers=1, narrate=said.append)
     assert said == ["solving rimless-wheel-stick (friction 1.0, coulomb impact)"]
     assert main(["reproduce", "gamus-or-2013", "--only", "fig3", "-o", "command", "--quiet"]) == 0
+    assert sorted(path.name for path in Path("command").iterdir()) == ["fig3.png", "fig3.svg"]
+    assert capsys.readouterr().out.split() == ["command/fig3.svg", "command/fig3.png"]
     assert svg.read_bytes() == Path("command/fig3.svg").read_bytes()
     with pytest.raises(UnknownNameError, match="has no 'fig5'; choose from fig2"):
         gaitopt.reproduce(only=["fig5"])
@@ -204,12 +181,6 @@ def test_the_table_is_written_as_markdown_and_json(monkeypatch, tmp_path):
         (COMMITTED / path.name).read_text(encoding="utf-8") for path in written
     ]
     assert not [*(tmp_path / "folder").glob("*.part")]
-
-
-def test_the_page_about_the_reproduction_counts_what_the_table_holds():
-    page = (COMMITTED.parents[1] / "docs" / "reproduction.md").read_text(encoding="utf-8")
-    numbers = committed()["numbers"]
-    assert f"Of {len(numbers)} printed numbers, {sum(entry['agrees'] for entry in numbers)} agree" in page
 
 
 def test_a_foreign_folder_in_the_place_of_a_run_is_named_and_left_alone(tmp_path):

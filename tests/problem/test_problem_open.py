@@ -22,14 +22,14 @@ def opened(keys=""):
     return parse_problem(WHEEL % keys)
 
 
-def test_phases_auto_leaves_sequence_and_guess_open():
+def test_phases_auto_leaves_sequence_and_guess_open_and_impact_steps_and_guess_may_be_given():
     problem = opened()
     assert problem.is_open
     assert problem.modes == OpenSequence(impact=None, steps=1)
     assert problem.start is None
-
-
-def test_impact_steps_and_guess_may_be_given():
+    for what in ("cycle", "guess"):
+        with pytest.raises(ProblemError, match="mode sequence is open"):
+            getattr(problem, what)
     problem = opened(", impact: slip_forward, steps: 2, guess: {state: {dtheta: 0.7, dx: 0.1}}")
     assert problem.modes == OpenSequence(impact="slip_forward", steps=2)
     assert problem.guess.state["dx"] == 0.1
@@ -50,24 +50,14 @@ def test_a_fault_is_named(keys, words):
         opened(keys)
 
 
-def test_what_needs_a_sequence_says_that_it_is_open():
-    with pytest.raises(ProblemError, match="mode sequence is open"):
-        _ = opened().cycle
-    with pytest.raises(ProblemError, match="mode sequence is open"):
-        _ = opened().guess
-
-
 @pytest.mark.parametrize("keys", ["", ", impact: stick, steps: 3", ", guess: {state: {dtheta: 0.7, dx: -0.2}}"])
 def test_the_resolved_problem_reads_as_the_same_problem(keys):
     problem = opened(keys)
     assert restore_problem(problem.resolved()).digest == problem.digest
 
 
-def test_the_sequence_counts_for_the_digest():
+def test_the_sequence_counts_for_the_digest_and_an_override_opens_and_closes_it():
     assert len({opened(keys).digest for keys in ("", ", impact: stick", ", steps: 2")}) == 3
-
-
-def test_an_override_opens_and_closes_a_sequence():
     known = load_problem("compass-passive-b")
     problem = known.replace({"gait.phases": "auto"})
     assert problem.modes == OpenSequence()
@@ -89,16 +79,12 @@ def test_a_known_gait_gives_guess_and_modes():
     assert unknown.with_modes(twice, record["state"]).cycle == twice
 
 
-def test_a_gait_may_stand_for_its_record():
-    gait, design = named("compass-passive-a"), load_problem("compass-passive-a")
-    free = design.replace({"walker.slope": {"free": [0.01, 0.03], "guess": 0.02}, "objective": "speed"})
-    assert design.with_guess(gait) == design.with_guess(gait.to_record())
+def test_a_gait_may_stand_for_its_record_but_what_is_no_gait_of_the_walker_is_no_guess():
+    gait, problem = named("compass-passive-a"), load_problem("compass-passive-a")
+    free = problem.replace({"walker.slope": {"free": [0.01, 0.03], "guess": 0.02}, "objective": "speed"})
+    assert problem.with_guess(gait) == problem.with_guess(gait.to_record())
     assert free.with_guess(gait).free["walker.slope"].guess == gait.dynamics.parameters["walker.slope"]
-    assert design.with_gait(gait) == design.with_gait(gait.to_record())
-
-
-def test_what_is_no_gait_of_the_walker_is_no_guess():
-    problem = load_problem("compass-passive-a")
+    assert problem.with_gait(gait) == problem.with_gait(gait.to_record())
     with pytest.raises(ProblemError, match="rimless-wheel-stick has no theta1: it is a gait of another walker than"):
         problem.with_guess(named("rimless-wheel-stick"))
     failed = solve(load_problem("rimless-wheel-stick").replace({"friction": 0.5}).from_guess(), progress=False)

@@ -69,29 +69,23 @@ def changed(data: dict[str, Any], place: str, change: Any) -> dict[str, Any]:
     return data
 
 
+A = "compass-passive-a"
 SLIPPERY = {"value": 0.001, "exact": "0.001", "key": "friction", "unit": ""}
-WRONG = {
-    "initial state": ("orbit/initial_state/dtheta1/value", lambda rate: rate + 1e-4),
-    "parameters": ("statement/parameters/leg_mass/value", lambda mass: mass * (1 + 1e-12)),
-    "ends of phases": ("orbit/events/1/time", lambda time: time + 1e-7),
-    "period": ("orbit/period/value", lambda period: period + 1e-7),
-    "events": ("orbit/events/2/impulse/F_t", lambda impulse: -impulse),
-    "equations": ("statement/equations/h/0", lambda text: f"{text} + 1"),
-    "samples": ("orbit/samples/rows/3/9", lambda force: 2 * force),
-    "multipliers": ("orbit/multipliers", lambda _: []),
-    "scalars": ("orbit/scalars/speed/value", lambda speed: speed * 1.0001),
-    "enclosures": ("orbit/phases/0/duration/enclosure", lambda _: ["1", "2"]),
-}
-
-
-@pytest.mark.parametrize("group", WRONG)
-def test_a_wrong_number_of_each_group_is_found(group):
-    assert group in differing(changed(orbit("compass-passive-a"), *WRONG[group]))
 
 
 @pytest.mark.parametrize(
     ("name", "place", "change", "group"),
     [
+        (A, "orbit/initial_state/dtheta1/value", lambda rate: rate + 1e-4, "initial state"),
+        (A, "statement/parameters/leg_mass/value", lambda mass: mass * (1 + 1e-12), "parameters"),
+        (A, "orbit/events/1/time", lambda time: time + 1e-7, "ends of phases"),
+        (A, "orbit/period/value", lambda period: period + 1e-7, "period"),
+        (A, "orbit/events/2/impulse/F_t", lambda impulse: -impulse, "events"),
+        (A, "statement/equations/h/0", lambda text: f"{text} + 1", "equations"),
+        (A, "orbit/samples/rows/3/9", lambda force: 2 * force, "samples"),
+        (A, "orbit/multipliers", lambda _: [], "multipliers"),
+        (A, "orbit/scalars/speed/value", lambda speed: speed * 1.0001, "scalars"),
+        (A, "orbit/phases/0/duration/enclosure", lambda _: ["1", "2"], "enclosures"),
         ("compass-passive-stick", "statement/parameters/friction", lambda _: SLIPPERY, "margins"),
         ("slip-run", "statement/parameters/friction", lambda _: SLIPPERY, "margins"),
         ("compass-unequal", "orbit/multipliers", lambda multipliers: multipliers[:-1], "multipliers"),
@@ -318,7 +312,12 @@ def test_every_number_of_a_proved_orbit_lies_near_its_enclosure():
                 assert low - 2e-11 <= m[part] <= high + 2e-11, name  # their accuracy as the page states it
 
 
-def test_a_file_is_remade_as_it_is():
+def test_a_file_is_remade_as_it_is_with_the_exact_values_of_its_problem():
+    problem = go.load_problem(A)
+    decimals = ExactValues(write_problem(problem))
+    exact = {key: decimals(key, float(value)) for key, value in problem.parameters.items()}
+    assert {entry["key"]: entry["exact"] for entry in orbit(A)["statement"]["parameters"].values()} == exact
+    assert exact["walker.slope"] == "1 deg"
     stored = orbit("compass-passive-static-kinetic")
     exact = {entry["key"]: entry["exact"] for entry in stored["statement"]["parameters"].values()}
     made = json.loads(json.dumps(orbit_record(go.solve(stored["name"], progress=False), exact)))
@@ -329,12 +328,3 @@ def test_a_file_is_remade_as_it_is():
     for row, kept in zip(made["orbit"]["samples"]["rows"], stored["orbit"]["samples"]["rows"], strict=True):
         assert row[1] == kept[1]
         assert row[:1] + row[2:] == pytest.approx(kept[:1] + kept[2:], rel=1e-8, abs=1e-8)
-
-
-def test_exact_values_of_the_files_are_those_of_the_problems():
-    problem = go.load_problem("compass-passive-a")
-    decimals = ExactValues(write_problem(problem))
-    exact = {key: decimals(key, float(value)) for key, value in problem.parameters.items()}
-    parameters = orbit("compass-passive-a")["statement"]["parameters"].values()
-    assert {entry["key"]: entry["exact"] for entry in parameters} == exact
-    assert exact["walker.slope"] == "1 deg"

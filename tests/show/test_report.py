@@ -51,24 +51,18 @@ def test_the_scripts_of_a_page_are_free_of_syntax_errors(written, tmp_path):
         run(["node", "--check", file], check=True)
 
 
-def test_the_numbers_are_those_of_the_gait(written):
+def test_a_report_has_the_numbers_of_the_gait_its_claims_its_derivatives_and_its_problem_verbatim(written):
     (shown,) = data_of(written["gait"])["gaits"]
-    record = gait("compass-passive-a").to_record()
+    problem, record = gait("compass-passive-a").problem, gait("compass-passive-a").to_record()
     for key, value in shown["scalars"].items():
         assert value == (None if record[key] is None else pytest.approx(record[key], rel=1e-8))
     assert {"period", "speed", "spectral_radius", "impulse_ratio"} <= shown["scalars"].keys()
     assert shown["state"].keys() == record["state"].keys()
-
-
-def test_every_claim_of_the_verification_is_in_the_table(written):
     for claim in gait("compass-passive-a").verification["claims"]:
         assert f'<th scope="row">{claim["name"]}</th>' in written["gait"]
-    assert "passed</span>" in written["gait"]
-
-
-def test_the_report_of_a_gait_has_its_derivatives(written):
-    assert "Derivatives in the parameters" in written["gait"]
-    assert "radius at +1 %" in written["gait"]
+    provenance = (problem.digest, "phases: [slip_forward, stick, slip_backward]", "casadi")
+    for text in ("passed</span>", "Derivatives in the parameters", "radius at +1 %", *provenance):
+        assert text in written["gait"]
 
 
 def test_a_failed_verification_is_said_plainly():
@@ -82,17 +76,12 @@ def test_a_failed_verification_is_said_plainly():
     assert data_of(page)["gaits"][0]["passed"] is False
 
 
-def test_provenance_holds_the_problem_verbatim_and_its_hash(written):
-    problem = gait("compass-passive-a").problem
-    assert problem.digest in written["gait"]
-    assert "phases: [slip_forward, stick, slip_backward]" in written["gait"]
-    assert "casadi" in written["gait"]
-
-
-def test_a_failed_attempt_has_no_report():
+def test_a_failed_attempt_and_a_branch_without_points_have_no_report():
     failed = replace(gait("compass-passive-a"), status=Status.INFEASIBLE, steps=())
     with pytest.raises(ValueError, match="converged"):
         comparison_report([failed])
+    with pytest.raises(ValueError, match="no points"):
+        branch_report(failed.problem, "friction", [])
 
 
 def test_gaits_of_one_name_are_distinguished():
@@ -107,10 +96,7 @@ def test_every_point_and_special_point_of_a_branch_is_on_its_page(written):
     points = [record for record in branch() if record["record"] == "point"]
     assert [shown["value"] for shown in data["gaits"]] == [point["value"] for point in points]
     assert [special["type"] for special in data["specials"]] == ["neimark_sacker", "end"]
-
-
-def test_films_of_a_branch_move_with_their_own_parameter(written):
-    films = [shown["film"] for shown in data_of(written["branch"])["gaits"]]
+    films = [shown["film"] for shown in data["gaits"]]  # which move with their own parameter
     assert [film["contacts"][0]["friction"] for film in films] == [0.15, 0.145, 0.14, 0.135, 0.16, 0.15, 0.14]
 
 
@@ -127,11 +113,6 @@ def moved(point, factor):
     state = {key: factor * value for key, value in point["state"].items()}
     steps = [{**step, "state": {k: factor * v for k, v in step["state"].items()}} for step in point.get("steps", ())]
     return {"state": state, **({"steps": steps} if steps else {})}
-
-
-def test_a_branch_without_points_is_refused():
-    with pytest.raises(ValueError, match="no points"):
-        branch_report(gait("compass-passive-a").problem, "friction", [])
 
 
 def test_a_name_cannot_smuggle_markup_into_a_page():
