@@ -50,11 +50,20 @@ RESERVED = (
     "version",
     "limits",
     "touchdown",
-    "upright",
     "clearance",
+    "gap",
+    "upright",
+    "normal_force",
+    "cone_forward",
+    "cone_backward",
+    "slip_velocity",
     "painleve",
+    "regularity",
+    "onset",
+    "pull",
 )
-"""Words that have another meaning, and so cannot be names of stops, switches or actuators."""
+"""Words that have another meaning, and so cannot be names of stops, switches or actuators. All margins of a mode are
+among them, because a stop or a switch gives its name to its margin."""
 DERIVED = (
     "contact_names",
     "foot_modes",

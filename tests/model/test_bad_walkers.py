@@ -20,6 +20,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.model.control import NoControl
 from gaitopt.model.mechanism import polar
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import PHASE_MARGINS
 from gaitopt.model.units import Positive
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.hopper import Hopper
@@ -255,7 +256,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "tracked too short": (CompassBiped, {"tracked": ("theta1",)}, "tracked has 1 entries, but actuators has 2"),
     "one more actuator": (CompassBiped, {"actuators": ("a", "b", "c"), "tracked": ("theta1",) * 3}, "motors has 2"),
     "actuator called type": (CompassBiped, {"actuators": ("type", "hip")}, "type has another meaning"),
-    "stop called touchdown": (KneedWalker, {"stops": ("touchdown",)}, "touchdown has another meaning"),
+    **{f"stop called {m}": (KneedWalker, {"stops": (m,)}, f"{m} has another meaning") for m in PHASE_MARGINS},
     "stop and switch": (KneedWalker, {"switches": ("knee",)}, "knee is named by both stops and switches"),
     "unknown stop opens": (KneedWalker, {"open_in_impact": ("hip",)}, "open_in_impact names hip, which is not a stop"),
     "stops not declared": (KneedWalker, {"stops": ()}, "Mechanism.stops has knee, but stops are ()"),
