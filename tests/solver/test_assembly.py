@@ -46,13 +46,21 @@ def test_unknowns_of_a_gait_without_nodes_are_refused():
 
 
 @pytest.mark.parametrize("name", sampled(GAITS, 3))
-def test_arcs_of_a_step_follow_each_other_without_a_gap(name):
-    for step in named(name).steps:
+def test_arcs_and_steps_follow_each_other_without_a_gap_and_a_foot_at_rest_has_no_slip_velocity_at_all(name):
+    gait = named(name)
+    for step, after in zip(gait.steps, (*gait.steps[1:], gait.steps[0]), strict=True):
         assert step.arcs[0].start == 0
-        for arc, after in pairwise(step.arcs):
-            assert after.start == arc.end
-            if arc.mode.locked == after.mode.locked:  # nothing jumps
-                np.testing.assert_allclose(after.states[0], arc.states[-1], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(step.final_impact.state, after.arcs[0].states[0], rtol=0, atol=1e-11)
+        for arc, following in pairwise(step.arcs):
+            assert following.start == arc.end
+            if arc.mode.locked == following.mode.locked:  # nothing jumps
+                np.testing.assert_allclose(following.states[0], arc.states[-1], rtol=0, atol=1e-12)
+    for step, first in zip(gait.steps, gait.problem.cycle.first_phases, strict=True):
+        for arc, phase in zip(step.arcs, step.arc_phases, strict=True):
+            if arc.mode.sticks:
+                assert not arc.states[:, -1].any()
+            elif gait.problem.cycle.onset_order(first + phase) and arc.start == step.arcs[0].start:
+                assert arc.states[0, -1] == 0
 
 
 @pytest.mark.parametrize("name", sampled(GAITS, 3))
@@ -66,24 +74,6 @@ def test_every_arc_obeys_the_flow_of_its_mode_along_its_whole_length(name):
         flow, data = gait.system.flow(arc.mode), gait.system.data(arc.segment)
         rates = np.array([np.asarray(flow(t, z, p, data)).ravel() for t, z in zip(times, states, strict=True)])
         np.testing.assert_allclose(slopes, rates, rtol=1e-7, atol=1e-7)
-
-
-@pytest.mark.parametrize("name", sampled(GAITS, 3))
-def test_impact_of_every_step_leads_to_the_next(name):
-    steps = named(name).steps
-    for step, after in zip(steps, (*steps[1:], steps[0]), strict=True):
-        np.testing.assert_allclose(step.final_impact.state, after.arcs[0].states[0], rtol=0, atol=1e-11)
-
-
-@pytest.mark.parametrize("name", sampled(GAITS, 3))
-def test_a_foot_at_rest_has_no_slip_velocity_at_all(name):
-    gait = named(name)
-    for step, first in zip(gait.steps, gait.problem.cycle.first_phases, strict=True):
-        for arc, phase in zip(step.arcs, step.arc_phases, strict=True):
-            if arc.mode.sticks:
-                assert not arc.states[:, -1].any()
-            elif gait.problem.cycle.onset_order(first + phase) and arc.start == step.arcs[0].start:
-                assert arc.states[0, -1] == 0
 
 
 def test_an_arc_that_few_points_do_not_resolve_gets_more():

@@ -5,18 +5,17 @@ import numpy as np
 import pytest
 from jumping import AT_ALL, AT_ONCE, PUSH, SLIPPING, problem, pushed, staircase
 
+from gaitopt import Cycle, Family, Mode, verify
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
-from gaitopt.model.cycle import BREAKPOINT, Cycle
+from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.model.dynamics import saltation
-from gaitopt.model.modes import Mode
 from gaitopt.requests import Engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.solver.assembly import solution_of
-from gaitopt.solver.following import Family, follow
+from gaitopt.solver.following import follow
 from gaitopt.solver.rollout import retraced, roll_out, rolled_again
 from gaitopt.solver.solve import solve_gait
 from gaitopt.verification.return_map import ReturnMap
-from gaitopt.verification.verify import verify
 
 BEFORE, AT, AFTER = 0.165, 0.167, 0.175
 """Frictions with which the foot slips at the breakpoint, again, and only during the push."""

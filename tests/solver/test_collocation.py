@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import gaitopt as go
-from gaitopt.model.modes import Mode
+from gaitopt import Mode
 from gaitopt.problem.scalars import SCALARS, Instant
 from gaitopt.solver.collocation import Collocation
 from gaitopt.solver.collocation_mesh import basis

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from casadi import MX, sumsqr, vertcat
 
-from gaitopt.gait.gait import Status
+from gaitopt import Status
 from gaitopt.solver.ipopt import Block, Ipopt, Program
 
 

@@ -10,22 +10,18 @@ from named import named
 from samples import sampled
 
 import gaitopt as go
+from gaitopt import Mode
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.modes import CONTACTS
 from gaitopt.solver.newton import Solution
 
 NAMES = [name for name in go.problem_names() if name not in ("rabbit-optimal", "rabbit-tracked")]
 """Open-loop torques are unknowns of another program, which a law that tracks them needs first."""
 FEW = ("compass-passive-a", "compass-pd-impact-slip", "compass-torque-efficient", "kneed-passive", "slip-run-foot")
 QUIET = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
-MUTE_SQP = {
-    "print_time": False,
-    "print_header": False,
-    "print_iteration": False,
-    "print_status": False,
-    "qpsol": "qrqp",
-    "qpsol_options": {"print_iter": False, "print_header": False},
-}
+MUTE_SQP = dict.fromkeys(("print_time", "print_header", "print_iteration", "print_status"), False) | {
+    "qpsol": "qrqp", "qpsol_options": {"print_iter": False, "print_header": False},
+}  # fmt: skip
 SOLVERS = {
     "ipopt": QUIET,
     "ipopt with spral": {**QUIET, "ipopt.linear_solver": "spral"},
@@ -109,13 +105,6 @@ def test_quantities_are_packed_again_and_expressions_have_the_same_values(name):
     np.testing.assert_allclose(np.asarray(same(nlp.x0)).ravel(), np.concatenate([*quantities.values()]), atol=1e-15)
 
 
-def test_freed_parameters_have_the_units_of_what_they_are():
-    units = {label.name: label.unit for label in go.nlp("compass-pd-designed").x_labels}
-    assert units["control.reference.theta1.1"] == "rad"
-    units = {label.name: label.unit for label in go.nlp("compass-torque-efficient").x_labels}
-    assert units["control.hip"] == "N m"
-
-
 def test_pack_replaces_what_is_given_and_refuses_other_names():
     nlp = go.nlp("compass-passive-a")
     changed = nlp.unpack(nlp.pack({"duration": [0.1, 0.2, 0.3]}))
@@ -123,6 +112,11 @@ def test_pack_replaces_what_is_given_and_refuses_other_names():
     np.testing.assert_array_equal(changed["theta1"], nlp.unpack(nlp.x0)["theta1"])
     with pytest.raises(UnknownNameError, match="no quantity of compass-passive-a is theta3; there are"):
         nlp.pack({"theta3": 0.0})
+    for name, key, unit in (
+        ("compass-pd-designed", "control.reference.theta1.1", "rad"),
+        ("compass-torque-efficient", "control.hip", "N m"),
+    ):
+        assert {label.name: label.unit for label in go.nlp(name).x_labels}[key] == unit
 
 
 @pytest.mark.parametrize("solver", sampled(SOLVERS, 3))
@@ -193,6 +187,12 @@ def test_points_that_are_no_gait_are_refused_in_words():
         nlp.gait(w[1:])
     with pytest.raises(ValueError, match=r"p has 1 entries instead of 7; p_labels names them"):
         nlp.gait(w, np.array([0.14]))
+    design = go.nlp("compass-torque-efficient")
+    slow = design.gait(design.x0)
+    assert slow.message == "speed is 0.315998, must be at least 0.4"
+    assert slow.causes[0].needed == pytest.approx(0.4)
+    with pytest.raises(ProblemError, match="state the phases"):
+        go.nlp(go.load_problem("compass-passive-a").replace({"gait.phases": "auto"}))
 
 
 def test_margins_that_a_solver_was_not_told_of_are_checked():
@@ -202,13 +202,6 @@ def test_margins_that_a_solver_was_not_told_of_are_checked():
     gait = nlp.gait(run(**nlp.arguments() | {"lbg": free})["x"])
     assert gait.status is go.Status.INFEASIBLE
     assert "needs friction 0.17" in gait.message
-
-
-def test_a_constraint_of_the_problem_that_is_missed_is_named():
-    nlp = go.nlp("compass-torque-efficient")
-    slow = nlp.gait(nlp.x0)
-    assert slow.message == "speed is 0.315998, must be at least 0.4"
-    assert slow.causes[0].needed == pytest.approx(0.4)
 
 
 def test_margins_of_the_program_state_the_complementarity_of_friction():
@@ -224,11 +217,6 @@ def test_margins_of_the_program_state_the_complementarity_of_friction():
     less = np.asarray(ca.Function("g", [nlp.x, nlp.p], [nlp.g])(w, slippery)).ravel()
     assert (g[cone] >= -1e-7).all()
     assert (less[cone] < 0).any()
-
-
-def test_an_open_mode_sequence_has_no_program():
-    with pytest.raises(ProblemError, match="state the phases"):
-        go.nlp(go.load_problem("compass-passive-a").replace({"gait.phases": "auto"}))
 
 
 def test_picture_shows_every_nonzero_entry_by_phase():
