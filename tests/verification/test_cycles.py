@@ -55,6 +55,7 @@ def test_a_one_step_gait_stated_twice_has_its_multipliers_squared():
     assert twice.period == pytest.approx(2 * once.period, abs=1e-11)
     assert twice.message == "solved; the cycle of 2 steps repeats itself after every step"
     assert (once.message, once.repeats_after, twice.repeats_after) == ("solved", 1, 1)
+    assert (once.to_record()["n_steps"], "steps" in once.to_record()) == (1, False)
 
 
 def test_each_step_changes_its_own_modes(gait):
@@ -62,7 +63,7 @@ def test_each_step_changes_its_own_modes(gait):
     assert changes[0].value == pytest.approx(0.3152902774, abs=1e-9)
     assert changes[0].after == Cycle((ModeSequence((T,), T), ModeSequence((F, T), T)))
     assert "step 2, phase 1 (stick)" in changes[0].reason
-    required = max(go.solve(gait.problem.replace({"friction": 0.4})).measures[k] for k in ("required_friction",))
+    required = go.solve(gait.problem.replace({"friction": 0.4})).measures["required_friction"]
     assert required == pytest.approx(changes[0].value, abs=1e-9)
 
 
@@ -82,12 +83,6 @@ def test_phases_are_counted_through_the_steps():
     assert str(cycle) == "stick, slip_forward; slip_forward | slip_forward, stick; stick"
 
 
-def test_one_step_keeps_its_keys():
-    record = go.solve(go.load_problem("rimless-wheel-stick")).to_record()
-    assert record["n_steps"] == 1
-    assert "steps" not in record
-
-
 def test_changing_the_number_of_steps_drops_durations_that_no_longer_fit():
     problem = go.load_problem("compass-passive-stick").replace({"gait.guess.durations": [0.74]})
     assert problem.replace(TWICE).guess.durations is None
@@ -98,16 +93,15 @@ def test_changing_the_number_of_steps_drops_durations_that_no_longer_fit():
 @pytest.mark.parametrize(
     ("steps", "message"),
     [
-        ([], "gait.steps: has 0 entries"),
+        ([], ": has 0 entries"),
         ([{"phases": ["stick"]}], "impact: is missing"),
         ([{"phases": ["stick"], "impact": "slip_forward"}, ONE], "the first phase must be slip_forward"),
         ([{"phases": ["stick", "stick"], "impact": "stick"}], "phases 1 and 2 are both stick"),
     ],
 )
 def test_wrong_steps_are_named(steps, message):
-    with pytest.raises(ProblemError, match=r"gait\.steps") as error:
+    with pytest.raises(ProblemError, match=rf"gait\.steps(.|\n)*{message}"):
         go.load_problem("compass-passive-stick").replace({"gait.steps": steps})
-    assert message in str(error.value)
 
 
 def test_what_takes_one_step_refuses_several():

@@ -51,6 +51,10 @@ FIGURES = [
     ("compass-passive-stick", "spectral_radius", 0.709, 3),
     ("compass-passive-stick", "required_friction", 0.1749, 4),
     ("compass-passive-stick", "impulse_ratio", 0.1447, 4),
+    ("compass-passive-stick", "state.theta2", -0.1478, 4),
+    ("compass-passive-stick", "state.dtheta1", 0.7328, 4),
+    ("compass-passive-stick", "state.dtheta2", -0.5007, 4),
+    ("compass-passive-stick", "state.dx", 0.0, 12),
     ("compass-passive-a", "spectral_radius", 0.8206, 4),
     ("compass-passive-a", "period", 0.7519621750, 9),
     ("compass-passive-b", "spectral_radius", 1.823, 3),
@@ -132,15 +136,7 @@ def test_both_engines_confirm_gaits_of_other_mechanisms(name: str) -> None:
 @pytest.mark.portable
 @pytest.mark.parametrize(("name", "figure", "value", "digits"), FIGURES)
 def test_figure_is_the_known_one_to_all_its_digits(name: str, figure: str, value: float, digits: int) -> None:
-    assert named(name).to_record()[figure] == pytest.approx(value, abs=0.5000001 * 10**-digits)
-
-
-def test_printed_rates_of_the_sticking_gait() -> None:
-    _, theta2, _, dtheta1, dtheta2, dx = named("compass-passive-stick").state
-    assert theta2 == pytest.approx(-0.1478, abs=5e-5)
-    assert dtheta1 == pytest.approx(0.7328, abs=5e-5)
-    assert dtheta2 == pytest.approx(-0.5007, abs=5e-5)
-    assert dx == 0
+    assert named(name).scalar(figure) == pytest.approx(value, abs=0.5000001 * 10**-digits)
 
 
 @pytest.mark.portable
@@ -155,58 +151,35 @@ def test_simulator_finds_the_same_gait_by_itself(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMED)
 def test_multipliers_agree_three_ways(name: str) -> None:
-    implicit, (_, point) = named(name).multipliers, simulated(name)
-    assert point.jacobian is not None
+    """A slip velocity after the impact is forgotten when the foot sticks: one multiplier is zero."""
+    implicit, (_, point), central = named(name).multipliers, simulated(name), differences(name)
+    assert np.abs(central - point.jacobian).max() < 1e-7 * np.abs(point.jacobian).max()
     saltation = floquet_multipliers(point.jacobian)
-    central = floquet_multipliers(differences(name))
     assert multiplier_distance(implicit, saltation) < MULTIPLIER_AGREEMENT
-    assert multiplier_distance(central, saltation) < 1e-6
-    assert multiplier_distance(central, implicit) < 1e-6
+    assert multiplier_distance(floquet_multipliers(central), saltation) < 1e-6
+    assert multiplier_distance(floquet_multipliers(central), implicit) < 1e-6
+    assert abs(implicit[-1]) < 1e-9 or NAMED[name][1] is STICK
 
 
-@pytest.mark.parametrize("name", NAMED)
-def test_central_differences_are_the_derivative_by_saltation(name: str) -> None:
-    _, point = simulated(name)
-    assert point.jacobian is not None
-    scale = np.abs(point.jacobian).max()
-    assert np.abs(differences(name) - point.jacobian).max() < 1e-7 * scale
-
-
-@pytest.mark.parametrize("name", ["compass-passive-b", "compass-torque-impact-slip", "compass-pd-impact-slip"])
-def test_one_multiplier_is_zero_where_the_foot_comes_to_rest_after_a_slipping_impact(name: str) -> None:
-    """The slip velocity after the impact is forgotten when the foot sticks."""
-    assert abs(named(name).multipliers[-1]) < 1e-9
-
-
-@pytest.mark.parametrize(
-    ("name", "radius", "digits"), [("compass-passive-b", 2.758, 3), ("compass-torque-impact-slip", 1.241, 3)]
-)
-def test_frictionless_slipping_impact_gives_the_multiplier_that_is_printed(
-    name: str, radius: float, digits: int
-) -> None:
+@pytest.mark.parametrize(("name", "radius"), [("compass-passive-b", 2.758), ("compass-torque-impact-slip", 1.241)])
+def test_frictionless_slipping_impact_gives_the_multiplier_that_is_printed(name: str, radius: float) -> None:
+    """For this law the paper also states that gait B takes half the angle of gait A."""
     gait = go.solve(with_values(name, {"impact_law": "frictionless"}))
-    assert gait.spectral_radius == pytest.approx(radius, abs=0.5 * 10**-digits)
+    assert gait.spectral_radius == pytest.approx(radius, abs=5e-4)
     assert go.verify(gait).passed
+    if name == "compass-passive-b":
+        assert gait.state[0] / named("compass-passive-a").state[0] == pytest.approx(0.5, abs=0.05)
 
 
-def test_gait_b_takes_half_the_angle_of_gait_a() -> None:
-    """The paper states it for the frictionless law, with which its printed multiplier agrees."""
-    gait = go.solve(with_values("compass-passive-b", {"impact_law": "frictionless"}))
-    assert gait.state[0] / named("compass-passive-a").state[0] == pytest.approx(0.5, abs=0.05)
+BEYOND = [
+    ("flow", 0.904, 0.00565, 5),
+    ("linear", 0.636, 0.0060, 4),
+    ("hold", 0.414, 0.0027, 4),
+    ("off", 0.553, 0.0051, 4),
+]
 
 
-@pytest.mark.parametrize(
-    ("beyond_end", "radius", "cost", "digits"),
-    sampled(
-        [
-            ("flow", 0.904, 0.00565, 5),
-            ("linear", 0.636, 0.0060, 4),
-            ("hold", 0.414, 0.0027, 4),
-            ("off", 0.553, 0.0051, 4),
-        ],
-        3,
-    ),
-)
+@pytest.mark.parametrize(("beyond_end", "radius", "cost", "digits"), sampled(BEYOND, 3))
 def test_what_the_reference_does_beyond_its_end_decides_the_multiplier(
     beyond_end: str, radius: float, cost: float, digits: int
 ) -> None:
@@ -232,13 +205,8 @@ WHEELS = [(10, 1 / 3, 13.0), (8, 0.2, 14.0), (12, 0.5, 10.0), (20, 1.0, 6.0), (6
 @pytest.mark.parametrize(("spokes", "kappa", "slope"), WHEELS)
 def test_wheel_follows_its_closed_forms(spokes: int, kappa: float, slope: float) -> None:
     """Eqs (14)-(20), in units radius = mass = gravity = 1 and physical time."""
-    overrides = {
-        "walker.spokes": spokes,
-        "walker.inertia_ratio": kappa,
-        "walker.slope": f"{slope} deg",
-        "friction": 5.0,
-    }
-    gait = go.solve(with_values("rimless-wheel-stick", overrides))
+    shape = {"walker.spokes": spokes, "walker.inertia_ratio": kappa, "walker.slope": f"{slope} deg"}
+    gait = go.solve(with_values("rimless-wheel-stick", shape | {"friction": 5.0}))
     half, alpha = pi / spokes, radians(slope)
     beta = (cos(2 * half) + kappa) / (1 + kappa)
     rate = beta * sqrt(4 * sin(half) * sin(alpha) / (1 - beta**2)) / sqrt(1 + kappa)

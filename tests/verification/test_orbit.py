@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 import gaitopt as go
+from gaitopt import Mode
 from gaitopt.gait.gait import floquet_multipliers
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation.simulator import Simulator
@@ -92,13 +92,10 @@ def test_fall_does_not_return() -> None:
     assert point.residual == np.inf
 
 
-def test_other_kind_of_impact_is_off_the_section() -> None:
+def test_other_kind_of_impact_is_off_the_section_and_there_is_no_fixed_point() -> None:
+    """Below the friction that its impact needs there is no sticking gait to converge to."""
     result = wheel(0.2)(np.array([0.75]))
     assert result.xi is None
     assert result.steps[0].impact.mode is Mode.SLIP_FORWARD
     assert "off the section of stick" in result.message
-
-
-def test_stalled_newton_is_not_called_a_fixed_point() -> None:
-    """Below the friction that its impact needs there is no sticking gait to converge to."""
     assert not wheel(0.2).fixed_point(np.array([0.75])).converged

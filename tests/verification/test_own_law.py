@@ -78,26 +78,19 @@ def test_limits_can_be_free(gait: go.Gait) -> None:
     assert problem.with_fixed({"control.limits.hip": 0.25}).parameters["control.limits.hip"] == 0.25
 
 
-def test_pickles_name_the_class(gait: go.Gait) -> None:
-    problem = pickle.loads(pickle.dumps(damped()))  # noqa: S301 - our own
+def test_pickles_name_the_class_and_a_run_is_loaded_with_it_or_refused_by_its_name(
+    gait: go.Gait, tmp_path: Path
+) -> None:
+    problem, again = pickle.loads(pickle.dumps((damped(), gait)))  # noqa: S301 - our own
     assert problem.control == HipDamper(damping=0.01)
     assert type(problem.control) is HipDamper
-    assert pickle.loads(pickle.dumps(gait)).system.control == gait.system.control  # noqa: S301 - our own
-
-
-def test_a_run_of_a_law_that_is_not_installed_is_refused_by_name(gait: go.Gait, tmp_path: Path) -> None:
-    go.solve(damped(), output=tmp_path / "run", progress=False)
-    with pytest.raises(StorageError, match="no control law is called 'hip_damper' here; the run needs the package"):
-        go.load_run(tmp_path / "run")
-
-
-def test_a_run_of_a_passed_law_is_loaded_with_its_class(gait: go.Gait, tmp_path: Path) -> None:
+    assert again.system.control == gait.system.control
     gait.save(tmp_path / "run")
     again = go.load_run(tmp_path / "run", controls=[HipDamper])
     assert again.problem == gait.problem
     assert again.multipliers == pytest.approx(gait.multipliers)
-    with pytest.raises(StorageError):  # the class was that of one call
-        go.load_run(tmp_path / "run")
+    with pytest.raises(StorageError, match="no control law is called 'hip_damper' here; the run needs the package"):
+        go.load_run(tmp_path / "run")  # the class was that of one call
 
 
 def test_figures_and_pages_show_the_gait(gait: go.Gait) -> None:

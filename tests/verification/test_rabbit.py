@@ -4,7 +4,7 @@ import pytest
 from named import named, verification
 
 import gaitopt as go
-from gaitopt.model.modes import Mode
+from gaitopt import Mode
 
 NAMES = ("rabbit-optimal", "rabbit-tracked", "rabbit-hzd", "rabbit-hzd-slip")
 

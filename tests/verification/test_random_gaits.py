@@ -17,25 +17,14 @@ from gaitopt.simulation.simulator import Simulator
 Array = NDArray[np.float64]
 
 DESIGNS = {
-    "compass-pd-designed": 4,
-    "compass-pd-slippery": 2,
-    "compass-torque-robust": 2,
-    "compass-pd-robust": 1,
-    "rabbit-hzd-feedback": 1,
-    "rabbit-optimal": 2,
-}
+    "compass-pd-designed": 4, "compass-pd-slippery": 2, "compass-torque-robust": 2, "compass-pd-robust": 1,
+    "rabbit-hzd-feedback": 1, "rabbit-optimal": 2,
+}  # fmt: skip
 """Curves are designed anew for each gait, which takes long; farther away their constraints cannot be met."""
 LONG = (
-    "rabbit-hzd",
-    "rabbit-tracked",
-    "crawler",
-    "heel-toe",
-    "heel-toe-slip",
-    "heel-toe-impact-slip",
-    "compass-passive-static-kinetic",
-    "compass-pd-impact-slip",
-    "compass-torque-stable-slip",
-)
+    "rabbit-hzd", "rabbit-tracked", "crawler", "heel-toe", "heel-toe-slip", "heel-toe-impact-slip",
+    "compass-passive-static-kinetic", "compass-pd-impact-slip", "compass-torque-stable-slip",
+)  # fmt: skip
 RARE = {"compass-virtual-constraint-slip": 5, "inchworm": 3, "bounding-overlap": 3, "rabbit-hzd-slip": 2}
 """Numbers of variants of gaits of which most have another mode sequence."""
 COUNTS = dict.fromkeys(go.problem_names(), 20) | dict.fromkeys(LONG, 10) | DESIGNS | RARE

@@ -26,24 +26,21 @@ def family(units: tuple[float, float, float]) -> go.Branch:
     return go.continuation(go.solve(rescaled(problem, units)), "friction", to=0.1747, verify_every=5)
 
 
-def check(name: str, units: tuple[float, float, float]) -> None:
+@pytest.mark.parametrize(
+    ("name", "units"),
+    [
+        *product(("rimless-wheel-slip", "compass-passive-a"), UNITS),
+        *(
+            pytest.param(name, units, marks=pytest.mark.slow)
+            for name, units in product(("rimless-wheel-slip", "compass-torque-impact-slip"), ALL_UNITS)
+        ),
+    ],
+)
+def test_gaits_do_not_depend_on_units(name: str, units: tuple[float, float, float]) -> None:
     gait = go.solve(rescaled(plain(name).problem, units))
     assert gait.converged, gait.message
     np.testing.assert_allclose(dimensionless(gait), dimensionless(plain(name)), rtol=0, atol=AGREEMENT)
     assert [claim for claim in go.verify(gait).claims if not claim.passed] == []
-
-
-@pytest.mark.parametrize("units", UNITS)
-@pytest.mark.parametrize("name", ["rimless-wheel-slip", "compass-passive-a"])
-def test_gaits_do_not_depend_on_units(name: str, units: tuple[float, float, float]) -> None:
-    check(name, units)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("units", ALL_UNITS)
-@pytest.mark.parametrize("name", ["rimless-wheel-slip", "compass-torque-impact-slip"])
-def test_gaits_do_not_depend_on_any_units(name: str, units: tuple[float, float, float]) -> None:
-    check(name, units)
 
 
 @pytest.mark.parametrize("units", [UNITS[0], pytest.param(UNITS[1], marks=pytest.mark.slow)])

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -23,7 +22,6 @@ STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
 SLIGHT = 1e-6
 
 
-@cache
 def good(name: str = "compass-passive-a") -> Gait:
     return named(name)
 
@@ -54,8 +52,8 @@ def with_sequence(gait: Gait, phases: tuple[Mode, ...], impact: Mode) -> Gait:
     return replace(gait, problem=replace(gait.problem, modes=Cycle.of_one_step(phases, impact)))
 
 
-def with_parameter(gait: Gait, name: str, value: float) -> Gait:
-    return replace(gait, dynamics=gait.dynamics.at({name: value}))
+def scaled(gait: Gait, factor: float) -> Gait:
+    return replace(gait, multipliers=gait.multipliers * factor)
 
 
 def lengthened(gait: Gait, seconds: float) -> Gait:
@@ -92,73 +90,87 @@ def test_record_names_the_errors_of_the_command_line() -> None:
 # negative tests: what is spoilt, and which claims must see it
 
 
-def test_wrong_sequence_is_seen_by_nothing_else() -> None:
-    spoilt = with_sequence(good(), (FORWARD, STICK), STICK)
-    assert failed(spoilt) == {"mode sequence"}
-    record = go.verify(spoilt).to_record()
-    assert record["mode_sequence_matches"] is False
-    assert record["period_error"] is None
+def shifted(gait: Gait) -> Gait:
+    """The first switch comes later."""
 
-
-def test_too_little_friction_is_outside_the_cone() -> None:
-    assert failed(with_parameter(good("compass-passive-stick"), "friction", 0.17)) == {"mode sequence", "friction cone"}
-
-
-def test_motion_that_ends_in_a_fall_is_told_with_its_reason() -> None:
-    spoilt = with_states(good(), 0, lambda states: states.__setitem__((0, slice(3, 5)), 0.0))
-    claim = go.verify(spoilt).claims[0]
-    assert (claim.name, claim.passed) == ("mode sequence", False)
-    assert "step 1" in claim.note
-
-
-def test_wrong_period_is_seen() -> None:
-    assert {"period", "switching times"} <= failed(lengthened(good(), SLIGHT))
-    assert "period" not in failed(lengthened(good(), 1e-10))
-
-
-def test_wrong_switch_alone_leaves_the_period_right() -> None:
     def shift(k: int, arc: Arc) -> Arc:
         ends = arc.times[[0, -1]] + np.array([SLIGHT * (k == 1), SLIGHT * (k == 0)])
         return replace(arc, times=np.interp(arc.times, arc.times[[0, -1]], ends))
 
-    rejected = failed(with_arcs(good(), shift))
-    assert "switching times" in rejected
-    assert not rejected & {"period", "periodicity", "state", "multipliers"}
+    return with_arcs(gait, shift)
 
 
-def test_wrong_start_does_not_come_back_to_itself() -> None:
-    rejected = failed(with_states(good(), 0, lambda states: states.__setitem__((0, 3), states[0, 3] + SLIGHT)))
-    assert {"periodicity", "state"} <= rejected
-    assert not rejected & {"mode sequence", "multipliers", "perturbation"}
+def moved(index: int, at: tuple[object, ...], by: float) -> Callable[[Gait], Gait]:
+    """One entry of the states of an arc is another number."""
+    return lambda gait: with_states(gait, index, lambda states: states.__setitem__(at, states[at] + by))
 
 
-def test_wrong_state_inside_an_arc_is_seen_by_nothing_else() -> None:
-    assert failed(with_states(good(), 1, lambda states: states.__setitem__((10, 0), states[10, 0] + SLIGHT))) == {
-        "states inside"
-    }
+def put(index: int, at: tuple[object, ...], value: float) -> Callable[[Gait], Gait]:
+    return lambda gait: with_states(gait, index, lambda states: states.__setitem__(at, value))
 
 
-def test_energy_that_appears_from_nowhere_is_seen() -> None:
-    """States that are wrong inside an arc do not matter: the balance is between the ends of an arc."""
-    spoilt = with_states(good(), 1, lambda states: states.__setitem__((-1, 3), states[-1, 3] + SLIGHT))
-    assert failed(spoilt) == {"energy balance", "states inside"}
+def with_measures(change: Callable[[dict[str, float | None]], dict[str, float | None]]) -> Callable[[Gait], Gait]:
+    return lambda gait: replace(gait, measures=change(dict(gait.measures)))
 
 
-def test_slip_against_its_mode_is_seen() -> None:
-    spoilt = with_states(good(), 0, lambda states: states.__setitem__((-1, -1), -SLIGHT))
-    assert "slip direction" in failed(spoilt)
-    assert "slip direction" not in failed(with_states(good(), 0, lambda states: states.__setitem__((-1, -1), -1e-10)))
+def with_weaker_impact(gait: Gait) -> Gait:
+    impact = gait.steps[-1].impact
+    return replace(gait, steps=(replace(gait.steps[0], impact=replace(impact, impulse=0.999 * impact.impulse)),))
 
 
-def test_pull_on_the_ground_is_seen() -> None:
-    spoilt = with_states(good(), 1, lambda states: states.__setitem__((slice(5, 15), slice(3, 5)), 8.0))
-    assert "normal force" in failed(spoilt)
+SPOILT: dict[str, tuple[Callable[[Gait], Gait], set[str]]] = {
+    "sequence": (lambda gait: with_sequence(gait, (FORWARD, STICK), STICK), {"mode sequence"}),
+    "a state inside an arc": (moved(1, (10, 0), SLIGHT), {"states inside"}),
+    # states that are wrong inside an arc do not matter: the balance is between the ends of an arc
+    "energy from nowhere": (moved(1, (-1, 3), SLIGHT), {"energy balance", "states inside"}),
+    "multipliers": (lambda gait: scaled(gait, 1 + 2 * MULTIPLIER_AGREEMENT), {"multipliers"}),
+    "order of multipliers": (lambda gait: replace(gait, multipliers=np.conj(gait.multipliers)), set()),
+    "speed": (with_measures(lambda known: known | {"speed": 0.999 * known["speed"]}), {"measures"}),
+    "an undefined measure": (with_measures(lambda known: known | {"required_friction": None}), {"measures"}),
+    "no measures": (with_measures(lambda known: {}), {"measures"}),
+    "impulse": (with_weaker_impact, {"impact"}),
+}
+"""Changes of a gait, and all claims that see them."""
 
 
-def test_wrong_multipliers_are_seen_by_nothing_else() -> None:
-    gait = good()
-    assert failed(replace(gait, multipliers=gait.multipliers * (1 + 2 * MULTIPLIER_AGREEMENT))) == {"multipliers"}
-    assert failed(replace(gait, multipliers=np.conj(gait.multipliers))) == set()
+@pytest.mark.parametrize("what", SPOILT)
+def test_what_is_spoilt_is_seen_by_its_claim_and_by_nothing_else(what: str) -> None:
+    spoil, claims = SPOILT[what]
+    assert failed(spoil(good())) == claims
+
+
+@pytest.mark.parametrize(
+    ("spoil", "seen", "unseen"),
+    [
+        (lambda gait: lengthened(gait, SLIGHT), {"period", "switching times"}, set()),
+        (lambda gait: lengthened(gait, 1e-10), set(), {"period"}),
+        (shifted, {"switching times"}, {"period", "periodicity", "state", "multipliers"}),
+        (moved(0, (0, 3), SLIGHT), {"periodicity", "state"}, {"mode sequence", "multipliers", "perturbation"}),
+        (put(0, (-1, -1), -SLIGHT), {"slip direction"}, set()),
+        (put(0, (-1, -1), -1e-10), set(), {"slip direction"}),
+        (put(1, (slice(5, 15), slice(3, 5)), 8.0), {"normal force"}, set()),
+    ],
+)
+def test_what_is_spoilt_is_seen_by_some_claims_and_not_by_others(
+    spoil: Callable[[Gait], Gait], seen: set[str], unseen: set[str]
+) -> None:
+    rejected = failed(spoil(good()))
+    assert seen <= rejected
+    assert not unseen & rejected
+
+
+def test_too_little_friction_is_outside_the_cone_and_a_wrong_sequence_leaves_no_period_error() -> None:
+    sticking = good("compass-passive-stick")
+    slippery = replace(sticking, dynamics=sticking.dynamics.at({"friction": 0.17}))
+    assert failed(slippery) == {"mode sequence", "friction cone"}
+    record = go.verify(with_sequence(good(), (FORWARD, STICK), STICK)).to_record()
+    assert (record["mode_sequence_matches"], record["period_error"]) == (False, None)
+
+
+def test_motion_that_ends_in_a_fall_is_told_with_its_reason() -> None:
+    claim = go.verify(put(0, (0, slice(3, 5)), 0.0)(good())).claims[0]
+    assert (claim.name, claim.passed) == ("mode sequence", False)
+    assert "step 1" in claim.note
 
 
 def examined(gait: Gait) -> tuple[ReturnMap, FixedPoint]:
@@ -180,21 +192,14 @@ def test_wrong_derivative_is_seen_by_walks_that_are_perturbed(name: str, error: 
     assert wrong.outcome is Outcome.FAILS
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"friction": 0.1},
-        {"friction": 0.12, "walker.slope": "1.5 deg"},
-        {"friction": 0.0628507, "walker.slope": 0.0376889},
-    ],
-)
-def test_gait_whose_return_map_bends_strongly_passes(changes: dict[str, object]) -> None:
+@pytest.mark.parametrize(("friction", "slope"), [(0.1, "1 deg"), (0.12, "1.5 deg"), (0.0628507, 0.0376889)])
+def test_gait_whose_return_map_bends_strongly_passes(friction: float, slope: str | float) -> None:
     """Radii 1.10, 1.07 and 358: deviations of 1e-4 are far from linear."""
+    changes = {"friction": friction, "walker.slope": slope}
     gait = go.solve(go.load_problem("compass-passive-a").replace(changes))
     assert gait.spectral_radius > 1
     assert failed(gait) == set()
-    spoilt = replace(gait, multipliers=gait.multipliers * (1 + 1e-5))
-    assert failed(spoilt) == {"multipliers"}
+    assert failed(scaled(gait, 1 + 1e-5)) == {"multipliers"}
 
 
 class Bent:
@@ -249,21 +254,6 @@ def test_every_measure_is_recomputed(name: str, factor: float) -> None:
             measures, impact = record_claims(falsified, walked)
             assert (measures.passed, measures.note) == (False, f"worst: {key}")
             assert impact.passed
-
-
-def test_verification_looks_at_measures_and_impact() -> None:
-    gait = good()
-    slower = replace(gait, measures={**gait.measures, "speed": 0.999 * gait.measures["speed"]})
-    assert failed(slower) == {"measures"}
-    weaker = replace(gait.steps[-1].impact, impulse=0.999 * gait.steps[-1].impact.impulse)
-    assert failed(replace(gait, steps=(replace(gait.steps[0], impact=weaker),))) == {"impact"}
-
-
-def test_a_measure_that_is_missing_or_undefined_without_reason_is_seen() -> None:
-    gait = good()
-    assert failed(replace(gait, measures={**gait.measures, "required_friction": None})) == {"measures"}
-    assert failed(replace(gait, measures={})) == {"measures"}
-    assert failed(replace(gait, measures={**gait.measures, "speed": np.nan})) == {"measures"}
 
 
 @pytest.mark.parametrize(
