@@ -9,6 +9,7 @@ import pytest
 from jumping import AT_ALL, AT_ONCE, SLIPPING, problem, staircase
 from pydantic import TypeAdapter
 
+from gaitopt import verify
 from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.monitors import MonitorKey, monitor_values
 from gaitopt.branches.request import Request
@@ -22,7 +23,7 @@ from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.solve import solve_gait
 from gaitopt.store.branch import resumable, stored_continuations
 from gaitopt.store.gaits import branch_point, special_point
-from gaitopt.verification.verify import confirm, verify
+from gaitopt.verification.verify import confirm
 
 
 class Polygon(jumping.Staircase):

@@ -7,15 +7,12 @@ import pytest
 from contact_problems import contact_gait, sled
 from named import named
 
+from gaitopt import Branch, Cycle, Gait, verify
 from gaitopt.api.families import continuation
 from gaitopt.api.stored import load_run
-from gaitopt.gait.branch import Branch
-from gaitopt.gait.gait import Gait
-from gaitopt.model.cycle import Cycle
 from gaitopt.search.solve import solve
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
-from gaitopt.verification.verify import verify
 
 
 def family(name: str, parameter: str, to: float) -> Branch:

@@ -1,5 +1,6 @@
 """Families as a whole: nothing but the physics decides what is found on them."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -10,10 +11,14 @@ from named import named
 
 import gaitopt as go
 from gaitopt import Branch, Cycle, Gait, Mode, Status, continuation
+from gaitopt.branches import continuation as continuer
 from gaitopt.branches.continuation import follow_family
+from gaitopt.branches.curve import CurvePoint
+from gaitopt.branches.monitors import stride
 from gaitopt.branches.request import Request
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.gait.branch import BranchPoint, SpecialPoint
+from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
+from gaitopt.verification.verify import Outcome, confirm
 
 AGREEMENT = 1e-10
 STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
@@ -125,32 +130,29 @@ def test_an_unknown_parameter_names_what_there_is(parameter: str) -> None:
         continuation(passive(0.18), parameter, 0.1)
 
 
-def test_a_target_must_differ_and_lie_within_the_bounds() -> None:
-    with pytest.raises(ProblemError):
-        continuation(passive(0.18), "friction", 0.18)
-    with pytest.raises(ProblemError, match="bound"):
-        continuation(passive(0.18), "friction", 0.1, lower=0.15)
-    with pytest.raises(ProblemError):
-        continuation(passive(0.18), "friction", float("nan"))
-
-
 @pytest.mark.parametrize(
-    ("parameter", "to", "words"),
+    ("name", "parameter", "to", "words"),
     [
-        ("friction", -1.0, r"^-1: friction: -1\.0 must be at least 0"),
-        ("walker.slope", 3.0, r"^3: walker\.slope: 3\.0 must be at least -1\.39626 and at most 1\.39626"),
-        ("walker.mass", 0.0, r"^0: walker\.mass: 0\.0 must be greater than 0"),
+        ("compass-passive-stick", "friction", 0.2, "another finite value"),
+        ("compass-passive-stick", "friction", float("nan"), "to is nan, but must be a finite number"),
+        ("rimless-wheel-slip", "friction", -1.0, r"^-1: friction: -1\.0 must be at least 0"),
+        ("rimless-wheel-slip", "walker.slope", 3.0, r"^3: walker\.slope: 3\.0 must be at least -1\.39626 and at most"),
+        ("rimless-wheel-slip", "walker.mass", 0.0, r"^0: walker\.mass: 0\.0 must be greater than 0"),
     ],
 )
-def test_a_target_that_no_walker_can_have_is_refused_with_the_range(parameter: str, to: float, words: str) -> None:
+def test_a_target_must_differ_and_be_one_that_the_walker_can_have(
+    name: str, parameter: str, to: float, words: str
+) -> None:
     with pytest.raises(ProblemError, match=words):
-        continuation(named("rimless-wheel-slip"), parameter, to)
+        continuation(named(name), parameter, to)
 
 
 def test_a_failed_attempt_cannot_be_continued() -> None:
     failed = replace(passive(0.18), status=Status.NOT_CONVERGED, steps=())
     with pytest.raises(SolveError):
         continuation(failed, "friction", 0.1)
+    with pytest.raises(ProblemError, match="bound"):
+        continuation(passive(0.18), "friction", 0.1, lower=0.15)
 
 
 def test_work_is_bounded() -> None:
@@ -224,3 +226,105 @@ def test_a_coefficient_that_the_problem_lacks_is_continued_in_a_folder_too(tmp_p
     stored = continuation(named("compass-passive-a"), "friction.static", 0.145, **limits, output=tmp_path)
     assert stored.values == pytest.approx(plain.values, rel=1e-12)
     assert stored[-1].gait.problem.friction.kinetic == 0.14
+
+
+REQUEST = Request(parameter="friction", to=(0.8,), lower=0.2, upper=0.8, max_points=10, max_seconds=5.0)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "bound"),
+    [(0.7, 0.9, 0.8), (0.7, 0.8, 0.8), (0.3, 0.1, 0.2), (0.3, 0.7, None), (0.8, 0.7, None), (0.8, 0.9, None)],
+)
+def test_a_bound_is_crossed_from_inside_only(before, after, bound):
+    assert REQUEST.crossed(before, after) == bound
+
+
+def test_a_walk_that_was_cut_short_at_a_bound_has_reached_it_and_points_and_time_are_bounded_each():
+    reached = {value: REQUEST.reached(value) for value in (0.8, 0.2, 0.5)}
+    assert reached == {0.8: "reached friction = 0.8", 0.2: "reached friction = 0.2", 0.5: None}
+    assert REQUEST.exhausted(9, 4.9) is None
+    assert REQUEST.exhausted(10, 0.0) == "paused at the limit of 10 points"
+    assert REQUEST.exhausted(0, 5.1) == "paused at the limit of 5 s"
+
+
+@pytest.fixture(scope="module")
+def wheel():
+    return named("rimless-wheel-slip")
+
+
+def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):
+    step = CurvePoint.step
+
+    def failing(self, length):
+        found = step(self, length)
+        crosses = found is not None and min(found.value, self.value) < 0.45 < max(found.value, self.value)
+        return None if crosses else found
+
+    monkeypatch.setattr(CurvePoint, "step", failing)
+    branch = continuation(wheel, "friction", 0.5)
+    assert branch.special("end")[0].value == pytest.approx(0.5)
+    assert {point.branch for point in branch} == {0}
+    monkeypatch.undo()
+    whole = continuation(wheel, "friction", 0.5)
+    assert branch[-1].gait.state == pytest.approx(whole[-1].gait.state, abs=1e-9)
+
+
+def test_branch_ends_with_a_reason_where_ipopt_fails_too(wheel, monkeypatch):
+    step = CurvePoint.step
+    monkeypatch.setattr(CurvePoint, "step", lambda self, length: None if self.value > 0.42 else step(self, length))
+    monkeypatch.setattr("gaitopt.branches.continuation.RESCUE_DISTANCES", ())
+    branch = continuation(wheel, "friction", 0.5)
+    assert "IPOPT" in branch.special("end")[0].reason
+    assert branch.special("end")[0].status == "guess"
+
+
+def test_gait_b_vanishes_where_friction_is_the_slope() -> None:
+    """With mu = tan(slope) a walker that slides forward neither gains nor loses speed."""
+    near = {"theta1": -0.000599, "dtheta1": -0.14525, "dtheta2": -0.14526, "dx": 0.464827}
+    problem = go.load_problem("compass-passive-b").replace({"friction": 0.0177, "gait.guess.state": near})
+    branch = go.continuation(go.solve(problem), "friction", to=0.0173)
+    special = branch.specials[-1]
+    assert (special.type, special.status) == ("vanishing", "converged")
+    assert special.type in TERMINAL
+    assert special.value == pytest.approx(math.tan(math.radians(1)), rel=0, abs=1e-9)
+    assert special.reason.startswith("the gait vanishes")
+    assert [other.type for other in branch.specials] == ["vanishing"]
+
+
+def test_where_steps_are_too_short_to_simulate_the_gait_vanishes_at_a_stride_of_zero(monkeypatch) -> None:
+    """The simulator is made to refute the gait, and steps fail at a stride of 1e-4: the rest is extrapolated."""
+    step, near = CurvePoint.step, {"theta1": -0.000599, "dtheta1": -0.14525, "dtheta2": -0.14526, "dx": 0.464827}
+    gait = go.solve(go.load_problem("compass-passive-b").replace({"friction": 0.0177, "gait.guess.state": near}))
+    refuted = replace(go.verify(gait).claims[0], passed=False, outcome=Outcome.FAILS)
+    monkeypatch.setattr(continuer, "confirm", lambda gait: replace(confirm(gait), claims=(refuted,)))
+    monkeypatch.setattr(CurvePoint, "step", lambda self, h: step(self, h) if stride(self.gait) > 1e-4 else None)
+    special = continuation(gait, "friction", to=0.0173).specials[-1]
+    assert (special.type, special.status) == ("vanishing", "guess")
+    assert special.value == pytest.approx(math.tan(math.radians(1)), rel=0, abs=1e-6)
+
+
+def test_stride_is_the_distance_of_the_feet_whether_they_slip_or_not() -> None:
+    for name in ("compass-passive-a", "compass-passive-b"):
+        gait = go.solve(go.load_problem(name))
+        assert stride(gait) == pytest.approx(2 * abs(math.sin(gait.state[0])), rel=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "to", "place"), [("compass-torque-efficient", -0.3, None), ("compass-torque-stick", -0.5, -0.07424413041)]
+)
+def test_family_in_the_ankle_torque_vanishes(name: str, to: float, place: float | None) -> None:
+    gait = go.solve(go.load_problem(name))
+    branch = go.continuation(gait, "control.ankle", to=to)
+    special = branch.specials[-1]
+    assert special.value == pytest.approx(special.value if place is None else place, rel=0, abs=1e-9)
+    assert (special.type, special.status) == ("vanishing", "converged")
+    assert stride(special.gait) < 1e-6
+    assert "period_doubling" not in [other.type for other in branch.specials if abs(other.value - special.value) < 1e-6]
+
+
+@pytest.mark.parametrize(("parameter", "to"), [("walker.gravity", 15.0), ("friction.front", 0.8)])
+def test_crawler_whose_phases_lose_their_length_vanishes(parameter, to):
+    """Beside that point the equations have a solution without a return map."""
+    family = go.continuation(go.solve("crawler"), parameter, to=to, max_points=60)
+    assert family.specials[-1].type == "vanishing", family.specials

@@ -1,12 +1,12 @@
 """Every special point of the families in the paper, against the simulator, which knows nothing of continuation."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from math import radians, tan
 
 import numpy as np
 import pytest
+from _pytest.mark import ParameterSet
 from oracles import wheel_friction
 from simulated_family import SimulatedFamily
 
@@ -81,55 +81,38 @@ def family(name: str, parameter: str, start: float | None, to: float, **override
     return Family(name, parameter, to, tuple(values.items()))
 
 
-SLOW = pytest.mark.slow
+def slow(*values: object) -> ParameterSet:
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 HIP = Family("compass-torque-stick", "control.hip", 0.3, options=(("max_points", 60),))
 CHANGES_OF_MODES = [
     (family("rimless-wheel-stick", "friction", 0.92, 0.91), 0.914120783896),
-    pytest.param(family("rimless-wheel-slip", "friction", 0.27, 0.22), 0.267571006115, marks=SLOW),
+    slow(family("rimless-wheel-slip", "friction", 0.27, 0.22), 0.267571006115),
     (family("compass-passive-stick", "friction", 0.18, 0.172), 0.174918491336),
     (family("compass-passive-stick", "friction", 0.18, 0.172), 0.173080797240),
-    pytest.param(family("compass-pd-impact-slip", "friction", 0.11, 0.105), 0.107646200895, marks=SLOW),
-    pytest.param(family("compass-torque-slip", "control.ankle", None, 0.5), 0.534789264505, marks=SLOW),
+    slow(family("compass-pd-impact-slip", "friction", 0.11, 0.105), 0.107646200895),
+    slow(family("compass-torque-slip", "control.ankle", None, 0.5), 0.534789264505),
 ]
 IMPACT_CHANGES = [
     (family("rimless-wheel-slip", "friction", 0.27, 0.22), 0.245052155579),
     (family("compass-passive-b", "friction", 0.3, 0.31), 0.304416755066),
-    pytest.param(family("compass-torque-impact-slip", "friction", 0.23, 0.235), 0.232244917992, marks=SLOW),
-    pytest.param(family("compass-pd-impact-slip", "friction", 0.37, 0.38), 0.37694520138, marks=SLOW),
-    pytest.param(family("compass-torque-slip", "control.hip", None, 0.49), 0.501870492312, marks=SLOW),
-    pytest.param(HIP, 0.442508614033, marks=SLOW),
+    slow(family("compass-torque-impact-slip", "friction", 0.23, 0.235), 0.232244917992),
+    slow(family("compass-pd-impact-slip", "friction", 0.37, 0.38), 0.37694520138),
+    slow(family("compass-torque-slip", "control.hip", None, 0.49), 0.501870492312),
+    slow(HIP, 0.442508614033),
 ]
+STEEP = family("compass-passive-stick", "walker.slope", None, 0.095, friction=1.0)
 STABILITY = [
-    (family("compass-passive-a", "friction", 0.112, 0.108), "neimark_sacker", leaves_circle, 0.110349580792),
-    (family("compass-passive-b", "friction", 0.146, 0.142), "period_doubling", doubles, 0.144302180459),
-    pytest.param(
-        family("compass-passive-stick", "walker.slope", None, 0.095, friction=1.0),
-        "period_doubling",
-        doubles,
-        0.093312534155,
-        marks=SLOW,
-    ),
-    pytest.param(
-        family("compass-torque-slip", "friction", 0.106, 0.102),
-        "neimark_sacker",
-        leaves_circle,
-        0.103496337245,
-        marks=SLOW,
-    ),
-    pytest.param(
-        family("compass-passive-b", "friction", None, 0.045), "period_doubling", doubles, 0.048697775116, marks=SLOW
-    ),
-    pytest.param(
-        family("compass-pd-impact-slip", "friction", 0.187, 0.182),
-        "period_doubling",
-        doubles,
-        0.184204614123,
-        marks=SLOW,
-    ),
-    pytest.param(
-        family("compass-torque-slip", "friction", 0.07, 0.062), "period_doubling", doubles, 0.067884440242, marks=SLOW
-    ),
+    (family("compass-passive-a", "friction", 0.112, 0.108), "neimark_sacker", 0.110349580792),
+    (family("compass-passive-b", "friction", 0.146, 0.142), "period_doubling", 0.144302180459),
+    slow(STEEP, "period_doubling", 0.093312534155),
+    slow(family("compass-torque-slip", "friction", 0.106, 0.102), "neimark_sacker", 0.103496337245),
+    slow(family("compass-passive-b", "friction", None, 0.045), "period_doubling", 0.048697775116),
+    slow(family("compass-pd-impact-slip", "friction", 0.187, 0.182), "period_doubling", 0.184204614123),
+    slow(family("compass-torque-slip", "friction", 0.07, 0.062), "period_doubling", 0.067884440242),
 ]
+CRITICAL = {"neimark_sacker": leaves_circle, "period_doubling": doubles}
 
 
 @pytest.mark.parametrize(("family", "near"), CHANGES_OF_MODES)
@@ -164,14 +147,12 @@ def test_first_slip_vanishes_where_the_simulated_gait_begins_to_stick_at_once() 
     assert special.value == pytest.approx(root, rel=0, abs=AGREEMENT)
 
 
-@pytest.mark.parametrize(("family", "kind", "function", "near"), STABILITY)
-def test_stability_is_lost_where_the_simulated_multipliers_say(
-    family: Family, kind: str, function: Callable[[np.ndarray], float], near: float
-) -> None:
+@pytest.mark.parametrize(("family", "kind", "near"), STABILITY)
+def test_stability_is_lost_where_the_simulated_multipliers_say(family: Family, kind: str, near: float) -> None:
     special = only(family, kind, near)
     assert special.status == "converged"
     walk = simulated(special, family.parameter, special.gait.problem.cycle.impact)
-    root = walk.crossing(function, special.value - ASIDE, special.value + ASIDE)
+    root = walk.crossing(CRITICAL[kind], special.value - ASIDE, special.value + ASIDE)
     assert special.value == pytest.approx(root, rel=0, abs=AGREEMENT)
     assert special.value == pytest.approx(near, rel=0, abs=AGREEMENT)
 

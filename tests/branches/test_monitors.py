@@ -1,22 +1,17 @@
-"""Monitors hold on good gaits, and see a gait that has been spoilt."""
+"""Monitors hold on good gaits and see a spoilt one; test functions of special points on multipliers that are known."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 from named import named
 
 import gaitopt as go
-from gaitopt import Gait, Mode
+from gaitopt import Gait
+from gaitopt.branches import monitors
 from gaitopt.branches.monitors import MonitorKey, monitor_values
 
 NAMES = ("rimless-wheel-stick", "rimless-wheel-slip", "compass-passive-stick", "compass-passive-a", "compass-passive-b")
-
-
-@cache
-def solved(name: str) -> Gait:
-    return named(name)
 
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:
@@ -38,22 +33,16 @@ def lost(gait: Gait) -> set[MonitorKey]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_everything_holds_on_a_gait(name: str) -> None:
-    assert lost(solved(name)) == set()
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_places_lie_within_their_phases(name: str) -> None:
-    assert all(0 <= monitor.where <= 1 for monitor in monitor_values(solved(name)).values())
-
-
-def test_durations_are_parts_of_the_period() -> None:
-    found = monitor_values(solved("compass-passive-a"))
-    assert sum(found[MonitorKey("duration", phase)].value for phase in range(3)) == pytest.approx(1, abs=1e-12)
+def test_everything_holds_on_a_gait_and_durations_are_parts_of_its_period(name: str) -> None:
+    found = monitor_values(named(name))
+    assert lost(named(name)) == set()
+    assert all(0 <= monitor.where <= 1 for monitor in found.values())
+    durations = [monitor.value for key, monitor in found.items() if key.kind == "duration"]
+    assert not durations or sum(durations) == pytest.approx(1, abs=1e-12)
 
 
 def test_less_friction_than_sticking_needs_is_seen_at_the_start_of_the_step() -> None:
-    gait = solved("compass-passive-stick")
+    gait = named("compass-passive-stick")
     needed = gait.measures["required_friction"]
     assert lost(with_parameter(gait, "friction", needed + 1e-9)) == set()
     spoilt = with_parameter(gait, "friction", needed - 1e-9)
@@ -61,33 +50,22 @@ def test_less_friction_than_sticking_needs_is_seen_at_the_start_of_the_step() ->
     assert monitor_values(spoilt)[MonitorKey("cone_forward", 0)].where == 0
 
 
-def test_less_friction_than_the_impact_needs_is_seen() -> None:
-    gait = solved("compass-passive-stick")
+def test_less_friction_than_the_impact_needs_or_a_pull_upwards_is_seen() -> None:
+    gait, cone = named("compass-passive-stick"), MonitorKey("impulse_cone_forward")
     ratio = abs(gait.measures["impulse_ratio"])
-    assert monitor_values(with_parameter(gait, "friction", ratio))[
-        MonitorKey("impulse_cone_forward")
-    ].value == pytest.approx(0, abs=1e-12)
-    assert MonitorKey("impulse_cone_forward") in lost(with_parameter(gait, "friction", ratio - 1e-9))
-    assert MonitorKey("impulse_cone_forward") not in lost(with_parameter(gait, "friction", ratio + 1e-9))
+    assert monitor_values(with_parameter(gait, "friction", ratio))[cone].value == pytest.approx(0, abs=1e-12)
+    for change, seen in ((-1e-9, True), (1e-9, False)):
+        assert (cone in lost(with_parameter(gait, "friction", ratio + change))) is seen
+    assert MonitorKey("normal_force", 0) in lost(with_parameter(gait, "walker.gravity", -1.0))
 
 
 @pytest.mark.parametrize(
     ("phase", "name"), [(0, "compass-passive-a"), (2, "compass-passive-a"), (1, "rimless-wheel-slip")]
 )
 def test_a_slip_against_its_mode_is_seen(name: str, phase: int) -> None:
-    gait = solved(name)
-    assert MonitorKey("slip_velocity", phase) in lost(with_slip_velocity(gait, phase, -1.0))
-
-
-def test_a_slip_that_dips_below_zero_within_its_phase_is_seen() -> None:
-    gait = solved("compass-passive-b")
-    assert gait.arcs[0].mode is Mode.SLIP_FORWARD
-    assert MonitorKey("slip_velocity", 0) in lost(with_slip_velocity(gait, 0, 1.0, -0.01 * gait.state[-1]))
-
-
-def test_a_walker_that_is_pulled_up_has_no_normal_force() -> None:
-    gait = solved("compass-passive-stick")
-    assert MonitorKey("normal_force", 0) in lost(with_parameter(gait, "walker.gravity", -1.0))
+    assert MonitorKey("slip_velocity", phase) in lost(with_slip_velocity(named(name), phase, -1.0))
+    fading = named("compass-passive-b")  # it dips below zero within its phase
+    assert MonitorKey("slip_velocity", 0) in lost(with_slip_velocity(fading, 0, 1.0, -0.01 * fading.state[-1]))
 
 
 def test_a_slip_after_the_impact_that_fades_is_seen_before_it_is_gone() -> None:
@@ -103,7 +81,7 @@ def test_a_slip_after_the_impact_that_fades_is_seen_before_it_is_gone() -> None:
 
 def test_a_foot_that_lands_between_is_seen() -> None:
     """The swing leg is bent in mid-step until the foot touches the ground, and lifted again."""
-    gait = solved("compass-passive-stick")
+    gait = named("compass-passive-stick")
     (arc,) = gait.arcs
     where = (arc.times - arc.start) / arc.duration
     apart = arc.states[:, 1] - arc.states[:, 0]
@@ -111,3 +89,48 @@ def test_a_foot_that_lands_between_is_seen() -> None:
     states[:, 1] -= 1.5 * apart * np.exp(-(((where - 0.7) / 0.1) ** 2))
     step = replace(gait.steps[0], arcs=(replace(arc, states=states),))
     assert lost(replace(gait, steps=(step,))) >= {MonitorKey("touchdown", 0)}
+
+
+def critical(*multipliers: complex) -> dict[str, float]:
+    return monitors.test_functions(np.array(multipliers, dtype=complex), 0.3)
+
+
+def test_a_multiplier_that_passes_minus_one_doubles_the_period_and_a_pair_that_leaves_the_circle_is_a_torus() -> None:
+    before, after = critical(-0.99, 0.4, 0.1), critical(-1.01, 0.4, 0.1)
+    assert list(monitors.bifurcations_between(before, after)) == ["period_doubling"]
+    pair = np.exp(1.1j)
+    before, after = (critical(r * pair, r * pair.conjugate(), 0.2) for r in (0.99, 1.01))
+    assert list(monitors.bifurcations_between(before, after)) == ["neimark_sacker"]
+    assert monitors.is_bifurcation("neimark_sacker", np.array([pair, pair.conjugate(), 0.2]))
+    assert critical(0.7)["neimark_sacker"] == 1.0  # a single multiplier has no pair
+
+
+@pytest.mark.parametrize("third", [0.2, 0.3 + 0.1j])
+def test_a_neutral_saddle_is_none(third: complex) -> None:
+    rest = [third] if isinstance(third, float) else [third, third.conjugate()]
+    assert not monitors.is_bifurcation("neimark_sacker", np.array([2.0, 0.5, *rest], dtype=complex))
+
+
+MAPS = {
+    "fold": (lambda x: 2 * x, lambda x: 1 - 2 * x),
+    "transcritical": (lambda x: 1.0, lambda x: 1 - x),
+    "pitchfork, handle": (lambda x: 1.0, lambda x: 1 + x),
+    "pitchfork, prongs": (lambda x: 2 * x, lambda x: 1 - 2 * x**2),
+}
+"""Derivative of the parameter m and multiplier, along fixed points of x + m - x^2 (over x, m = x^2), of x + m x - x^2
+(x = m, over m) and of x + m x - x^3 (x = 0 over m, and m = x^2 over x)."""
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_folds_and_branch_points_of_normal_forms_are_told_apart(name: str) -> None:
+    slope, multiplier = MAPS[name]
+    before, after = (monitors.test_functions(np.array([multiplier(x), 0.3 + 0j]), slope(x)) for x in (-0.1, 0.1))
+    kind = "fold" if name == "fold" else "branch_point"
+    test = "unit" if slope(-0.1) * slope(0.1) > 0 else "slope"
+    assert monitors.bifurcations_between(before, after) == {kind: test}
+
+
+@pytest.mark.parametrize(("kind", "critical"), [("period_doubling", -1.0), ("fold", 1.0), ("branch_point", 1.0)])
+def test_a_multiplier_that_passes_through_infinity_is_no_bifurcation(kind, critical):
+    assert monitors.is_bifurcation(kind, np.array([critical * (1 + 1e-9), 0.2]))
+    assert not monitors.is_bifurcation(kind, np.array([-3e12, 0.2]))

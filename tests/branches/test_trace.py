@@ -2,9 +2,11 @@
 
 import json
 import re
+from dataclasses import dataclass
 from functools import cache
 from itertools import islice
 from math import cos, pi, radians, sin, sqrt
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,9 +18,9 @@ import gaitopt as go
 from gaitopt import Cycle, continuation, load_run, trace
 from gaitopt.branches.conditions import Eigenvalue, MarginZero, Pair
 from gaitopt.branches.curve import Curve, Metric
-from gaitopt.branches.monitors import monitor_values
+from gaitopt.branches.monitors import MonitorKey, monitor_values
 from gaitopt.branches.normal_forms import local_map
-from gaitopt.branches.trace import follow_curve, traced_start
+from gaitopt.branches.trace import CurveWalk, follow_curve, traced_start
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.trace import CurveStart, TracePoint, TraceSpecial
 from gaitopt.requests import TraceRequest
@@ -32,6 +34,9 @@ from gaitopt.store.trace import resumable_trace, stored_traces
 
 SLOPE, ANKLE, HIP = "walker.slope", "control.ankle", "control.hip"
 AGREEMENT = 1e-9
+"""Largest difference between a curve and a branch, relative to the first parameter, at least 1."""
+ASIDE = 2e-4
+"""Distance from a curve at which a branch begins, relative to the first parameter, at least 1."""
 
 
 @cache
@@ -62,14 +67,16 @@ def impact_change():
 
 
 def cut(point, first, kind):
-    """The value of the first parameter at which a branch in it has the special point, at the second one's value."""
+    """The value of the first parameter at which a branch in it has the special point; None if it has none."""
     value, found = point.values[first], []
-    for side in (2e-4, -2e-4):
-        aside = continuation(point.gait, first, value + side, verify_every=0, progress=False)
-        if not found and len(aside) > 1:
-            back = continuation(aside.points[-1].gait, first, value - side, verify_every=0, progress=False)
+    aside = ASIDE * max(1.0, abs(value))
+    options = {"verify_every": 0, "progress": False}
+    for side in (aside, -aside):
+        away = continuation(point.gait, first, value + side, max_points=40, **options)
+        if not found and len(away) > 1:
+            back = continuation(away.points[-1].gait, first, value - side, max_points=60, **options)
             found = [each.value for each in back.special(kind)]
-    return min(found, key=lambda other: abs(other - value))
+    return min(found, key=lambda other: abs(other - value), default=None)
 
 
 # ---- conditions
@@ -97,6 +104,9 @@ def test_monitors_have_the_values_of_those_of_a_branch():
     at = solution_of(gait, ("friction", SLOPE))
     for condition in conditions(gait)[3:]:
         assert condition.value(at) == pytest.approx(monitor_values(gait)[condition.key].value, rel=1e-9, abs=1e-11)
+    toe, gait = MonitorKey("gap.swing_toe", 1), named("heel-toe")  # lowest in an arc that does not begin with the step
+    at = solution_of(gait, ("friction", SLOPE))
+    assert MarginZero(toe).value(at) == pytest.approx(monitor_values(gait)[toe].value, rel=1e-9)
 
 
 # ---- closed forms
@@ -165,8 +175,8 @@ def test_period_doubling_is_where_branches_in_one_parameter_have_it():
     assert curve.values[0] == pytest.approx([0.14430218049, radians(1)], rel=0, abs=1e-10)
     for point in curve.points[3::12]:
         assert np.abs(point.gait.multipliers + 1).min() < 1e-10
-        assert point.values["friction"] == pytest.approx(
-            cut(point, "friction", "period_doubling"), rel=0, abs=AGREEMENT
+        assert cut(point, "friction", "period_doubling") == pytest.approx(
+            point.values["friction"], rel=0, abs=AGREEMENT
         )
     verified = [point.gait.verification["passed"] for point in curve if point.gait.verification is not None]
     assert len(verified) == -(-len(curve) // 10)
@@ -413,6 +423,18 @@ def test_a_trace_in_a_folder_is_the_same_when_it_is_read_back(tmp_path):
             trace(doubling(), SLOPE, output=tmp_path / "trace", **more)
 
 
+@pytest.mark.parametrize(
+    ("aside", "near"), [((0.0, 0.0), True), ((1e-3, 0.0), True), ((0.1, 0.0), False), ((0.0, 9.0), False)]
+)
+def test_a_point_past_an_event_is_near_if_its_parameters_and_its_state_are(aside, near):
+    walk = SimpleNamespace(metric=Metric(state=np.ones(2), period=1.0, span=1.0, others=(1.0,)))
+    here, there = (
+        SimpleNamespace(values={"friction": 0.2, SLOPE: 0.1 + change}, gait=SimpleNamespace(state=np.full(2, moved)))
+        for change, moved in ((0.0, 0.0), aside)
+    )
+    assert CurveWalk._is_near(walk, here, there, 1e-3) is near
+
+
 def test_a_limit_of_points_leaves_the_curve_open():
     curve = trace(doubling(), SLOPE, radians(1.5), max_points=3, progress=False)
     (end,) = curve.specials
@@ -431,15 +453,8 @@ def test_the_gait_of_a_curve_that_begins_with_another_cycle_is_read_back():
     values = {"friction": gait.problem.parameters["friction"], SLOPE: gait.problem.parameters[SLOPE]}
     margin = ("normal_force", 0, 0)
     starts = [CurveStart(type="margin", parameter="friction", gait=each, margin=margin) for each in (gait, doubled)]
-    point = TraceSpecial(
-        curve=0,
-        type="margin_period_doubling",
-        values=values,
-        codimension=2,
-        status="converged",
-        next=(*starts,),
-        gait=gait,
-    )
+    place = {"curve": 0, "type": "margin_period_doubling", "values": values, "codimension": 2, "status": "converged"}
+    point = TraceSpecial(**place, next=(*starts,), gait=gait)
     record = json.loads(json.dumps(point.to_record()))
     assert ["gait" in start for start in record["next"]] == [False, True]
     record["next"][1]["gait"]["parameters"] = {key: doubled.problem.parameters[key] for key in values}
@@ -453,19 +468,22 @@ def test_the_gait_of_a_curve_that_begins_with_another_cycle_is_read_back():
 
 def test_what_cannot_be_traced_is_refused_with_one_sentence():
     walker = doubling()
-    with pytest.raises(UnknownNameError, match=r"did you mean walker\.slope"):
-        trace(walker, "walker.slop", 0.02)
-    with pytest.raises(UnknownNameError, match="friction is the parameter of the branch"):
-        trace(walker, "friction", 0.2)
-    with pytest.raises(ProblemError, match="the target must be another finite value"):
-        trace(walker, SLOPE, walker.gait.dynamics.parameter(SLOPE))
-    with pytest.raises(
-        ProblemError, match=r"the period_doubling lies at friction = 0.14430\d* whatever walker.gravity is"
+    here, end = walker.gait.dynamics.parameter(SLOPE), special("compass-passive-b", "end", "friction", 0.146)
+    for start, key, to, error, words in (
+        (walker, "walker.slop", 0.02, UnknownNameError, r"did you mean walker\.slope"),
+        (walker, "friction", 0.2, UnknownNameError, "friction is the parameter of the branch"),
+        (walker, SLOPE, here, ProblemError, "the target must be another finite value"),
+        (
+            walker,
+            "walker.gravity",
+            12.0,
+            ProblemError,
+            r"period_doubling lies at friction = 0.14430\d* whatever walker",
+        ),
+        (end, SLOPE, 0.02, ProblemError, "a special point of type end has no curve"),
     ):
-        trace(walker, "walker.gravity", 12.0, progress=False)
-    end = special("compass-passive-b", "end", "friction", 0.146)
-    with pytest.raises(ProblemError, match="a special point of type end has no curve"):
-        trace(end, SLOPE, 0.02)
+        with pytest.raises(error, match=words):
+            trace(start, key, to, progress=False)
 
 
 def test_points_of_a_trace_say_where_they_are():
@@ -474,3 +492,85 @@ def test_points_of_a_trace_say_where_they_are():
     point = next(islice(curve, 1))
     assert isinstance(point, TracePoint)
     assert repr(point).startswith("<TracePoint 0.0 at friction = 0.14430218")
+
+
+DEG = radians(1)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A special point of the branch of a named gait, and the parameter in which it is traced.
+
+    Attributes
+    ----------
+    name, first, to : the branch.
+    kind, index : the special point.
+    second, targets : the trace.
+    margin : kind of the monitor that vanishes; empty for a bifurcation.
+    where : where in its phase it does, from 0 to 1.
+    cuts : number of cuts of the curve.
+    """
+
+    name: str
+    first: str
+    to: float
+    kind: str
+    second: str
+    targets: tuple[float, float]
+    index: int = 0
+    margin: str = ""
+    where: float = 1.0
+    cuts: int = 20
+
+    def __str__(self) -> str:
+        return f"{self.name}-{self.kind}-{self.index}-over-{self.second}"
+
+
+COMPASS = [
+    Case("compass-passive-a", "friction", 0.1, "neimark_sacker", SLOPE, (0.4 * DEG, 2.2 * DEG)),
+    Case("compass-passive-a", "friction", 0.07, "period_doubling", SLOPE, (0.75 * DEG, 1.4 * DEG)),
+    Case("compass-passive-a", "friction", 0.06, "impact_change", SLOPE, (0.75 * DEG, 1.4 * DEG),
+         margin="impulse_cone_backward"),
+    Case("compass-passive-a", "friction", 0.18, "mode_change", SLOPE, (0.5 * DEG, 2 * DEG), margin="cone_backward"),
+    Case("compass-passive-a", "friction", 0.18, "mode_change", SLOPE, (0.5 * DEG, 2 * DEG), index=1,
+         margin="cone_forward", where=0.0),
+    Case("compass-passive-b", "friction", 0.16, "period_doubling", SLOPE, (0.4 * DEG, 2.5 * DEG)),
+    Case("compass-passive-b", "friction", 0.32, "impact_change", SLOPE, (0.5 * DEG, 2 * DEG),
+         margin="impulse_cone_forward"),
+]  # fmt: skip
+OTHERS = [
+    Case("rimless-wheel-stick", "friction", 0.91, "mode_change", SLOPE, (0.224, 0.229), margin="cone_forward"),
+    Case("rimless-wheel-slip", SLOPE, 0.6, "lift_off", "friction", (0.35, 0.5), margin="normal_force", where=0.48),
+    Case("slip-walk-stable", "walker.energy", 839.0, "end", "walker.stiffness", (13900.0, 14100.0),
+         margin="cone_forward.front", where=0.5, cuts=4),
+    Case("heel-toe", "friction", 0.27, "mode_change", "walker.toe", (0.025, 0.055), margin="cone_forward.heel",
+         where=0.0, cuts=4),
+    Case("heel-toe", "friction", 0.26, "mode_change", "walker.toe", (0.032, 0.055), index=1,
+         margin="cone_backward.toe", cuts=4),
+    Case("crawler", "friction.rear", 0.57, "mode_change", "friction.front", (0.395, 0.41), margin="cone_backward.rear",
+         where=0.0, cuts=4),
+    Case("inchworm", "friction.front", 0.39, "mode_change", "friction.rear", (0.495, 0.505), cuts=2,
+         margin="cone_forward.front"),
+]  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [*COMPASS, *OTHERS], ids=str)
+def test_a_curve_has_the_special_points_of_branches_wherever_it_is_cut(case: Case) -> None:
+    start = special(case.name, case.kind, case.first, case.to, case.index)
+    curve = trace(start, case.second, case.targets, progress=False)
+    assert {end.reason for end in curve.special("end")} == {f"reached {case.second} = {to:.12g}" for to in case.targets}
+    checks = [point.gait.verification for point in curve if point.gait.verification is not None]
+    assert all(check["passed"] for check in checks)
+    if case.margin:
+        key = MonitorKey(**curve.points[0].condition["margin"])
+        assert key.kind == case.margin
+        for point in curve:
+            monitor = monitor_values(point.gait)[key]
+            assert monitor.value == pytest.approx(0, abs=1e-10)
+            assert monitor.where == pytest.approx(case.where, abs=0.05)
+    points = [point for point in curve if point.index]
+    for point in points[:: max(1, len(points) // case.cuts)]:
+        value, found = point.values[case.first], cut(point, case.first, case.kind)
+        assert found is not None, point
+        assert found == pytest.approx(value, rel=0, abs=AGREEMENT * max(1.0, abs(value)))
