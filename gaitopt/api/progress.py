@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from importlib.util import find_spec
 
 from rich.console import Console
@@ -11,6 +12,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -31,6 +33,7 @@ CountProgress = bool | Callable[[int, int], None]
 """Argument ``progress`` of a call with countable jobs: whether to show it, or a function of finished jobs and total."""
 ValueProgress = bool | Callable[[int, float], None]
 """Argument ``progress`` of a solution or continuation: whether to show it, or a function of a number and a value."""
+Bar = tuple[Callable[..., None], Callable[..., None]]
 TextProgress = bool | Callable[[str], None]
 """Argument ``progress`` of a call that describes its stages: whether to show them, or a function of the text."""
 
@@ -62,6 +65,15 @@ def _is_live(console: Console) -> bool:
 
 
 @contextmanager
+def _bar(console: Console, what: str, *columns: ProgressColumn, total: float | None = None) -> Iterator[Bar]:
+    """Yield the two functions that update and restart a bar with these columns after its description."""
+    described = TextColumn("{task.description}", markup=False)
+    with Progress(described, *columns, console=console, transient=True, disable=console.quiet) as progress:
+        task = progress.add_task(what, total=total)
+        yield partial(progress.update, task), partial(progress.reset, task)
+
+
+@contextmanager
 def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, float], None]]:
     """Yield a callback that shows iteration and violation: a bar on a terminal, some twenty lines elsewhere.
 
@@ -81,14 +93,12 @@ def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, floa
 
         yield tell
         return
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=20), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        bar = progress.add_task(what, total=-math.log10(FULL_BAR))
+    with _bar(console, what, BarColumn(bar_width=20), TimeElapsedColumn(), total=-math.log10(FULL_BAR)) as (update, _):
 
         def show(iteration: int, violation: float) -> None:
             digits = -math.log10(max(violation, FULL_BAR))
             description = f"{what}  iteration {iteration}, violation {violation:.1e}"
-            progress.update(bar, completed=max(digits, 0.0), description=description)
+            update(completed=max(digits, 0.0), description=description)
 
         yield show
 
@@ -103,10 +113,8 @@ def value_progress(console: Console, what: str, parameter: str) -> Iterator[Call
 @contextmanager
 def word_progress(console: Console, what: str) -> Iterator[Callable[[str], None]]:
     """Yield a callback that shows a text beside a clock."""
-    columns = (TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True, disable=console.quiet) as progress:
-        bar = progress.add_task(what, total=None)
-        yield lambda text: progress.update(bar, description=f"{what}  {text}")
+    with _bar(console, what, TimeElapsedColumn()) as (update, _):
+        yield lambda text: update(description=f"{what}  {text}")
 
 
 @contextmanager
@@ -126,15 +134,13 @@ def stage_progress(console: Console, what: str) -> Iterator[Callable[[str, int, 
 
         yield tell
         return
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        bar = progress.add_task(what, total=None)
+    with _bar(console, what, BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()) as (update, restart):
 
         def show(stage: str, done: int, total: int) -> None:
             if stage:
-                progress.reset(bar, description=stage, total=None)
+                restart(description=stage, total=None)
             else:
-                progress.update(bar, completed=done, total=total)
+                update(completed=done, total=total)
 
         yield show
 
@@ -143,15 +149,8 @@ def stage_progress(console: Console, what: str) -> Iterator[Callable[[str, int, 
 def job_progress(console: Console, what: str) -> Iterator[Callable[[int, int], None]]:
     """Yield a callback (done, total) that shows progress and the remaining time."""
     if _is_live(console):
-        columns = (
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=console, transient=True) as progress:
-            bar = progress.add_task(what, total=None)
-            yield lambda done, total: progress.update(bar, completed=done, total=total)
+        with _bar(console, what, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as (update, _):
+            yield lambda done, total: update(completed=done, total=total)
         return
     began = last = time.monotonic()
     # the first job also builds the functions that all jobs need; its time does not predict that of the others

@@ -58,8 +58,7 @@ from gaitopt.solver.mesh import Mesh
 from gaitopt.solver.newton import Solution
 from gaitopt.solver.rollout import retraced, roll_out
 from gaitopt.solver.shooting import transcribe
-from gaitopt.store.branch import StoredPoint
-from gaitopt.store.trace import StoredTrace
+from gaitopt.store.branch import StoredPoint, StoredTrace
 from gaitopt.verification.verify import confirm
 
 LARGEST_LENGTH = 0.05

@@ -51,9 +51,9 @@ def continue_(
         ),
     ],
     param: Annotated[str, options.option(ContinueRequest, "parameter", "--param", metavar="KEY")],
-    to: Annotated[list[str], options.option(ContinueRequest, "to", metavar="VALUE")],
-    lower: Annotated[str | None, options.option(ContinueRequest, "lower", metavar="VALUE")] = None,
-    upper: Annotated[str | None, options.option(ContinueRequest, "upper", metavar="VALUE")] = None,
+    to: Annotated[list[float], options.option(ContinueRequest, "to", metavar="VALUE")],
+    lower: Annotated[float | None, options.option(ContinueRequest, "lower", metavar="VALUE")] = None,
+    upper: Annotated[float | None, options.option(ContinueRequest, "upper", metavar="VALUE")] = None,
     max_points: Annotated[int, options.option(ContinueRequest, "max_points")] = 2000,
     max_seconds: Annotated[float | None, options.option(ContinueRequest, "max_seconds")] = None,
     verify_every: Annotated[int, options.option(ContinueRequest, "verify_every")] = 10,
@@ -81,9 +81,6 @@ def continue_(
     from gaitopt.api import families, stored
     from gaitopt.show.tables import print_branch
 
-    targets = [options.number(value, "--to") for value in to]
-    lowest = None if lower is None else options.number(lower, "--lower")
-    highest = None if upper is None else options.number(upper, "--upper")
     levels = options.counts(follow)
     start: Gait | SpecialPoint
     if stored.SPECIAL in problem:
@@ -97,7 +94,7 @@ def continue_(
         start = gait = known_gait(problem, changes, None, terminal, keep=False)[0]
     with interruptible() as interrupted, _live(terminal, param) as show:
         records = families.continuation_records(
-            start, param, targets, lower=lowest, upper=highest, max_points=max_points, max_seconds=max_seconds,
+            start, param, to, lower=lower, upper=upper, max_points=max_points, max_seconds=max_seconds,
             verify_every=verify_every, output=output, should_stop=interrupted, **levels,
         )  # fmt: skip
         head, summary = _streamed(records, SHOWN, terminal, show)
@@ -173,9 +170,9 @@ def trace(
         ),
     ],
     param: Annotated[str, options.option(TraceRequest, "key", "--param", metavar="KEY")],
-    to: Annotated[list[str], options.option(TraceRequest, "to", metavar="VALUE")],
-    lower: Annotated[str | None, options.option(TraceRequest, "lower", metavar="VALUE")] = None,
-    upper: Annotated[str | None, options.option(TraceRequest, "upper", metavar="VALUE")] = None,
+    to: Annotated[list[float], options.option(TraceRequest, "to", metavar="VALUE")],
+    lower: Annotated[float | None, options.option(TraceRequest, "lower", metavar="VALUE")] = None,
+    upper: Annotated[float | None, options.option(TraceRequest, "upper", metavar="VALUE")] = None,
     max_points: Annotated[int, options.option(TraceRequest, "max_points")] = 2000,
     max_seconds: Annotated[float | None, options.option(TraceRequest, "max_seconds")] = None,
     verify_every: Annotated[int, options.option(TraceRequest, "verify_every")] = 10,
@@ -190,9 +187,7 @@ def trace(
     from gaitopt.api import families, stored
     from gaitopt.show.tables import event, print_trace
 
-    start, targets = stored.load_curve_start(run), [options.number(value, "--to") for value in to]
-    least = None if lower is None else options.number(lower, "--lower")
-    largest = None if upper is None else options.number(upper, "--upper")
+    start = stored.load_curve_start(run)
     with interruptible() as interrupted, terminal.narration.status("tracing") as status:
 
         def show(record: Record) -> None:
@@ -203,7 +198,7 @@ def trace(
                 terminal.say(f"  {place}: {event(record)}")
 
         records = families.trace_records(
-            start, param, targets, lower=least, upper=largest, max_points=max_points, max_seconds=max_seconds,
+            start, param, to, lower=lower, upper=upper, max_points=max_points, max_seconds=max_seconds,
             verify_every=verify_every, output=output, should_stop=interrupted,
         )  # fmt: skip
         head, summary = _streamed(records, TRACED, terminal, show)

@@ -109,18 +109,18 @@ def state(texts: Texts) -> dict[str, float]:
     values: dict[str, float] = {}
     for entry in (entry for text in texts or () for entry in text.split(",") if entry.strip()):
         name, text = key_value(entry, "--state")
-        values[name] = number(text, f"--state {name}:")
+        values[name] = number(text, f"--state {name}: ")
         if not math.isfinite(values[name]):
             raise typer.BadParameter(f"--state {name}: {text} is not a finite number")
     return values
 
 
-def number(text: str, option: str) -> float:
-    """The number in a text, read as YAML, or an angle."""
+def number(text: str, place: str = "") -> float:
+    """The number in a text, read as YAML, or an angle; a message begins with the place of the text."""
     from gaitopt.model.units import parse_angle
     from gaitopt.problem.source import parse_value
 
-    wrong = typer.BadParameter(f"{option} {text}: write a number, or an angle such as 2 deg")
+    wrong = typer.BadParameter(f"{place}{text}: write a number, or an angle such as 2 deg")
     try:
         value = parse_angle(parse_value(text))
     except (ProblemError, ValueError) as error:
@@ -164,12 +164,11 @@ def counts(texts: Texts) -> dict[str, int]:
 def option(request: type[Request], name: str, flag: str = "", *, metavar: str | None = None) -> Any:
     """The option for a field of a request, with help, bounds and choices; its name is ``flag`` or that of the field."""
     field = entries(request)[name]
-    is_number = field.is_number and metavar is None
     return typer.Option(
         flag or f"--{name.replace('_', '-')}",
         metavar=metavar or "|".join(field.choices) or None,
-        parser=field.read if is_number else None,
-        callback=field.checked if is_number else None,
+        parser=(number if metavar else field.read) if field.is_number else None,
+        callback=field.checked if field.is_number else None,
         help=" ".join(filter(None, (field.about.help, field.about.span and f"[{field.about.span}]"))),
         show_default=field.default is not None,
     )

@@ -187,7 +187,7 @@ class Atlas(Reported):
 def read_atlas(place: Path) -> Atlas:
     """The atlas in a subfolder of the run folder of its problem."""
     run = Run.at(place)
-    stated = validated(AtlasRecord, run.read_object(ATLAS_FILE), place / ATLAS_FILE)
+    stated = run.read_record(ATLAS_FILE, AtlasRecord)
     grid = validated(Grid, {"axes": stated["over"]}, place / ATLAS_FILE)
     first, second = grid.axes
     return _assembled(run.problem(), (first, second), ATLAS_JOBS.finished(run, stated["jobs"]), place)

@@ -116,7 +116,7 @@ class Attractors(Plotted):
 def read_attractors(place: Path) -> Attractors:
     """The attractors in a folder, which is a part of the run of its problem."""
     run = Run.at(place)
-    stated = validated(AttractorsRecord, run.read_object(ATTRACTORS_FILE), place / ATTRACTORS_FILE)
+    stated = run.read_record(ATTRACTORS_FILE, AttractorsRecord)
     problem, axis = run.problem(), validated(Axis, stated["over"], place / ATTRACTORS_FILE)
     return Attractors(problem=problem, axis=axis, records=SETTLED.finished(run, stated["jobs"]), folder=place)
 

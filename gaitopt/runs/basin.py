@@ -283,8 +283,7 @@ class Basin(Plotted, ReadOnlyArrays):
 def read_basin(place: Path) -> Basin:
     """The basin in a folder, which is a part of the run of its problem."""
     run = Run.at(place)
-    record = run.read_object(BASIN_FILE)
-    stored = validated(BasinRecord, record, place / BASIN_FILE)
+    stored = run.read_record(BASIN_FILE, BasinRecord)
     grid = validated(Grid, {"axes": stored["over"]}, place / BASIN_FILE)
     check_room(grid.size, place, disk=0, memory=STATE_BYTES_MEMORY)
     floor = Floor.from_record(stored["floor"]) if "floor" in stored else None
@@ -292,7 +291,7 @@ def read_basin(place: Path) -> Basin:
     if freed and freed.keys() != problem.free.keys():
         raise StorageError(f"{place / BASIN_FILE}: parameters are not those that {problem.name} frees")
     basin = assemble_basin(run, problem, grid, stored["base"], floor, freed)
-    check_agrees(place / BASIN_FILE, record, basin.to_record(), "the grid of tiles")
+    check_agrees(place / BASIN_FILE, stored, basin.to_record(), "the grid of tiles")
     return basin
 
 

@@ -19,7 +19,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
 from gaitopt.runs.jobs import SOLVED, Plan, problem_job, solve_all
-from gaitopt.store.formats import damaged, json_text, validated
+from gaitopt.store.formats import damaged, json_text
 from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Job, ResumableJobs, Workers
 
@@ -171,7 +171,7 @@ def read_fronts(folder: Path) -> list[Front]:
     run, fronts = Run(folder), list[Front]()
     problem = run.problem()
     for path in sorted(folder.glob(front_file("*"))):
-        record = validated(FrontRecord, run.read_object(path.name), path, states=problem.walker.state_names())
+        record = run.read_record(path.name, FrontRecord, states=problem.walker.state_names())
         key, entries = record["over"].partition("=")[0], cast(list[FrontEntryRecord], record["points"])
         gaits = {entry["value"]: gait for entry, gait in zip(entries, record["points"], strict=True)}
         pareto = {value: _undominated(value, gaits, key) for value in gaits}

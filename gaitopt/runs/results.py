@@ -243,12 +243,6 @@ def refuse_other_results(folder: Path) -> None:
     others = [f"a {kind}" for kind in ("branch", "trace", "walk", "front") if any(folder.glob(KINDS[kind][0]))]
     if others:
         raise StorageError(f"{folder} holds {' and '.join(others)}, but no gait")
-    subfolders = sorted(
-        str(file.parent)
-        for name in (BASIN_FILE, SWEEP_FILE, ATTRACTORS_FILE, ROBUSTNESS_FILE)
-        for file in folder.glob(f"*/{name}")
-    )
+    subfolders = sorted(str(file.parent) for kind in PARTS for file in folder.glob(f"*/{KINDS[kind][0]}"))
     if subfolders:
-        raise StorageError(
-            f"{folder} contains no gait; give the folder of its basin, sweep or attractors: {' or '.join(subfolders)}"
-        )
+        raise StorageError(f"{folder} contains no gait; give the folder of its result: {' or '.join(subfolders)}")

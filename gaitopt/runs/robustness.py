@@ -26,7 +26,7 @@ from gaitopt.requests import Engine, RobustnessRequest, entries
 from gaitopt.runs.jobs import Plan, ResultFile, all_results
 from gaitopt.simulation.engine import choose_engine
 from gaitopt.simulation.ground import check_floor
-from gaitopt.store.formats import json_file, validated
+from gaitopt.store.formats import json_file
 from gaitopt.store.run import Run
 from gaitopt.threads import cached_property
 from gaitopt.uncertainty.falls import count_falls, mean_steps, metastable
@@ -154,7 +154,7 @@ def shown_limit(kind: str, value: Mapping[str, Any]) -> float | None:
 def read_robustness(place: Path) -> Robustness:
     """The result in a folder, which is a part of the run of its problem."""
     run = Run.at(place)
-    stated = validated(RobustnessRecord, run.read_object(ROBUSTNESS_FILE), place / ROBUSTNESS_FILE)
+    stated = run.read_record(ROBUSTNESS_FILE, RobustnessRecord)
     figures = {record["figure"]: record["value"] for record in FIGURES.finished(run, stated["jobs"])}
     return Robustness(problem=run.problem(), figures=figures, folder=place)
 

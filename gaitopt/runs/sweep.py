@@ -138,8 +138,8 @@ def sweep_table(sweep: Sweep) -> Table:
 def read_sweep(place: Path) -> Sweep:
     """The sweep in a folder, which is a part of the run of its problem: status and scalars of every point."""
     run, path = Run.at(place), place / TABLE_FILE
-    record = run.read_object(SWEEP_FILE)
-    grid = validated(Grid, {"axes": validated(SweepRecord, record, place / SWEEP_FILE)["over"]}, place / SWEEP_FILE)
+    record = run.read_record(SWEEP_FILE, SweepRecord)
+    grid = validated(Grid, {"axes": record["over"]}, place / SWEEP_FILE)
     rows = parsed(_parse_rows, run.read(TABLE_FILE)[0], path)
     if len(rows) != grid.size:
         raise StorageError(f"{path} has {len(rows)} rows for {grid.size} points; it was not changed")

@@ -15,8 +15,8 @@ from gaitopt.gait.trace import CurveStart, Trace, TracePoint, TraceSpecial, trac
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import TraceRequest, entries
 from gaitopt.runs.lines import CurveFile, LinesPlan
+from gaitopt.store.branch import resumable_trace, stored_traces
 from gaitopt.store.gaits import trace_point, trace_special
-from gaitopt.store.trace import resumable_trace, stored_traces
 
 TRACE_FILE = "trace.jsonl"
 

@@ -5,6 +5,5 @@
 - ``lock``: the lock that lets one process at a time write a folder
 - ``run``: the run folder as one object: problem, manifest, files, lines
 - ``gaits``: gaits, branch points and special points from their records
-- ``branch``: an unfinished branch, read back so that its continuation can be resumed
-- ``trace``: an unfinished trace in two parameters, read back in the same way
+- ``branch``: an unfinished branch, or trace in two parameters, read back so that it can be resumed
 """

@@ -1,4 +1,4 @@
-"""A stored branch, read back so that the resumed continuation gives the same bits as an uninterrupted one.
+"""A stored branch or trace, read back so that the resumed walk gives the same bits as an uninterrupted one.
 
 The record of a point holds all bits of the unknowns, the tangent and the mesh. The records of earlier versions may lack
 them; the gait is then solved again.
@@ -6,6 +6,7 @@ them; the gait is then solved again.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from gaitopt.arrays import Array
 from gaitopt.errors import StorageError
 from gaitopt.gait.branch import TERMINAL, ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.records import BranchRecord, PointRecord
+from gaitopt.gait.records import BranchRecord, ConditionRecord, TraceRecord
 from gaitopt.model.cycle import Cycle
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.arclength import LARGEST_ROUNDING
@@ -54,29 +55,52 @@ class StoredPoint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StoredContinuation:
+class StoredWalk:
+    """The stored part of a walk along a curve.
+
+    Attributes
+    ----------
+    count : number of points.
+    last : the last point; None if there is no point, or if the walk is complete.
+    metric : ndarray - scales of arclength; None if they are not stored.
+    largest : largest number of a branch or curve in it, or of one that begins at its special points.
+    is_complete : whether the walk has reached its end.
+    """
+
+    count: int
+    last: StoredPoint | None
+    metric: Array | None
+    largest: int
+    is_complete: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredContinuation(StoredWalk):
     """The stored part of one continuation of a family.
 
     Attributes
     ----------
     number : number of its first branch.
     is_named : whether a special point of another continuation announces this number.
-    count : number of points.
-    last : the last point; None if there is no point, or if the continuation is complete.
-    metric : ndarray, shape (n_z + 2,) - scales of arclength; None if they are not stored.
     specials : special points at which further branches begin.
-    largest : largest number of a branch in it or of one that begins at its special points.
-    is_complete : whether the continuation has reached its end.
     """
 
     number: int
     is_named: bool
-    count: int
-    last: StoredPoint | None
-    metric: Array | None
     specials: tuple[SpecialPoint, ...]
-    largest: int
-    is_complete: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredTrace(StoredWalk):
+    """The stored part of the walk towards one target in two parameters.
+
+    Attributes
+    ----------
+    condition : the condition that holds along the curve at the last point.
+    """
+
+    metric: Array
+    condition: ConditionRecord
 
 
 def stored_continuations(family: Gait, parameter: str, records: Sequence[BranchRecord]) -> list[StoredContinuation]:
@@ -116,26 +140,81 @@ def stored_continuations(family: Gait, parameter: str, records: Sequence[BranchR
     return read
 
 
-def resumable(records: Sequence[BranchRecord], exhausted: Callable[[int], str | None]) -> list[BranchRecord]:
-    """The records from which an unfinished family is resumed.
-
-    Special points after the last point of a continuation are dropped, because they are located again. An end at a limit
-    of points or time is dropped if more of them are allowed now.
+def stored_traces(family: Gait, free: tuple[str, str], records: Sequence[TraceRecord]) -> list[StoredTrace]:
+    """The walks of a trace, from its records, in the order of their targets.
 
     Parameters
     ----------
-    exhausted : function of the number of points that says why a continuation pauses there; None if it proceeds.
+    family : the gait from which it begins, with the friction law that has both parameters.
+    free : dotted keys of both.
+
+    Raises
+    ------
+    StorageError
+        If a walk cannot be resumed from its records.
     """
-    again = set[int]()
-    for stored in _by_continuation(records)[0].values():
-        points = sum(record["record"] == "point" for record in stored)
-        for record in reversed(stored):
-            if record["record"] == "point":
-                break
-            if record["type"] in TERMINAL and not (record.get("open") and exhausted(points) is None):
-                break
-            again.add(id(record))
+    traces = list[StoredTrace]()
+    for walk in _by_target(records):
+        points = [record for record in walk if record["record"] == "point"]
+        is_complete, last = walk[-1]["record"] == "special", points[-1]
+        traces.append(
+            StoredTrace(
+                count=len(points),
+                last=None if is_complete else last_point(family, {key: last["values"][key] for key in free}, points),
+                metric=_metric(last),
+                largest=last["curve"],
+                is_complete=is_complete,
+                condition=last["condition"],
+            )
+        )
+    return traces
+
+
+Exhausted = Callable[[int], str | None]
+"""Function of the number of points of a walk that says why the walk pauses there; None if it proceeds."""
+
+
+def resumable(records: Sequence[BranchRecord], exhausted: Exhausted) -> list[BranchRecord]:
+    """The records from which an unfinished family is resumed."""
+    walks = _by_continuation(records)[0].values()
+    again = {id(record) for stored in walks for record in _located_again(stored, exhausted)}
     return [record for record in records if id(record) not in again]
+
+
+def resumable_trace(records: Sequence[TraceRecord], exhausted: Exhausted) -> list[TraceRecord]:
+    """The records from which an unfinished trace is resumed: up to the walk that goes on."""
+    kept = list[TraceRecord]()
+    for walk in _by_target(records):
+        again = _located_again(walk, exhausted)
+        kept += walk[: len(walk) - len(again)]
+        if again:
+            break
+    return kept
+
+
+def _located_again(walk: Sequence[Any], exhausted: Exhausted) -> list[Any]:
+    """The special points after the last point of a walk, the last one first, because they are located again.
+
+    None are if the walk is complete. An end at a limit of points or time is not final if more of them are allowed now.
+    """
+    points = sum(record["record"] == "point" for record in walk)
+
+    def is_reached(record: Any) -> bool:
+        if record["record"] == "point":
+            return True
+        return record["type"] in TERMINAL and not (record.get("open") and exhausted(points) is None)
+
+    return [*takewhile(lambda record: not is_reached(record), reversed(walk))]
+
+
+def _by_target(records: Sequence[TraceRecord]) -> list[list[TraceRecord]]:
+    """The records of each walk of a trace: up to the end of its curve. Walks without a point are left out."""
+    walks = [list[TraceRecord]()]
+    for record in records:
+        walks[-1].append(record)
+        if record["record"] == "special" and record["type"] == "end":
+            walks.append([])
+    return [walk for walk in walks if any(record["record"] == "point" for record in walk)]
 
 
 def _by_continuation(records: Sequence[BranchRecord]) -> tuple[dict[int, list[BranchRecord]], set[int]]:
@@ -152,7 +231,7 @@ def _by_continuation(records: Sequence[BranchRecord]) -> tuple[dict[int, list[Br
     return continuations, given
 
 
-def _metric(point: PointRecord) -> Array:
+def _metric(point: Any) -> Array:
     try:
         return _state(point).metric
     except ValueError as error:
@@ -210,7 +289,7 @@ def last_point(family: Gait, values: Mapping[str, float], points: Sequence[Any])
         raise unusable(record, error) from error
 
 
-def _state(point: PointRecord) -> ContinuationState:
+def _state(point: Any) -> ContinuationState:
     state = point.get("walk")
     if state is None:
         raise ValueError("the point before it has no walk")

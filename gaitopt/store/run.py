@@ -10,13 +10,13 @@ same command completes the folder. One process at a time writes it.
 import hashlib
 import platform
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from gaitopt.errors import GaitoptError, ProblemError, StorageError
 from gaitopt.problem.problem import RESOLVED_FILE, Problem, check_installed, restore_problem
@@ -47,6 +47,7 @@ from gaitopt.store.formats import (
 )
 from gaitopt.store.lock import LOCK_FILE, WRITER_FILE, only_writer, wait_for_writer, written_elsewhere
 
+Model = TypeVar("Model")
 RESULTS = Path("results")
 """Folder of all runs, unless the user names another."""
 MANIFEST_FILE = "manifest.json"
@@ -411,6 +412,10 @@ class Run:
     def read_object(self, name: str) -> dict[str, Any]:
         """A finished file that is one JSON object."""
         return parsed(parse_object, self.read(name)[0], self.path(name))
+
+    def read_record(self, name: str, model: type[Model], *, states: Sequence[str] | None = None) -> Model:
+        """A finished file that is one JSON object of a type of ``gait.records``; see ``validated``."""
+        return validated(model, self.read_object(name), self.path(name), states=states)
 
     def read_result(self, files: tuple[str, str] = GAIT_FILES) -> tuple[dict[str, Any], Table]:
         """Record and table of the gait, or of the walk."""

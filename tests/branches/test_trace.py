@@ -27,10 +27,10 @@ from gaitopt.requests import TraceRequest
 from gaitopt.runs.trace import TRACE_FILE, traced_family
 from gaitopt.solver.assembly import solution_of
 from gaitopt.solver.newton import Solution, polish
+from gaitopt.store.branch import resumable_trace, stored_traces
 from gaitopt.store.files import lines_text, read_lines
 from gaitopt.store.gaits import trace_special
 from gaitopt.store.run import Run
-from gaitopt.store.trace import resumable_trace, stored_traces
 
 SLOPE, ANKLE, HIP = "walker.slope", "control.ankle", "control.hip"
 AGREEMENT = 1e-9
