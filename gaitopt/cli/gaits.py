@@ -79,7 +79,7 @@ def solve(
     With --starts the distinct solutions are listed and the best one is stored. The result of each start is stored in
     the run folder. Repeat the command to resume.
     """
-    from gaitopt.api import families, stored, verbs
+    from gaitopt.api import families, stored
     from gaitopt.show.tables import print_optima
     from gaitopt.store.run import Run
 
@@ -95,11 +95,8 @@ def solve(
             )
         attractor = stored.load_attractor(problem)
         folder = Run.of(attractor.problem, output).folder
-        with shown_result(lambda gait: report(gait, folder, terminal)), terminal.solving(problem) as (progress, stop):
-            gait = verbs.solve(
-                attractor, method=method, newton_steps=newton_steps, ipopt_iterations=ipopt_iterations,
-                intervals=intervals, output=output or True, progress=progress, should_stop=stop,
-            )  # fmt: skip
+        with shown_result(lambda gait: report(gait, folder, terminal)):
+            gait = solve_verified(attractor, terminal, output or True, method, limits=limits)
         return report(gait, Run.of(gait.problem, output).folder, terminal)
     loaded = load(problem, changes, terminal)
     loaded = loaded.from_guess() if from_guess else loaded

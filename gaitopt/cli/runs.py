@@ -16,7 +16,8 @@ from gaitopt.requests import DEFAULT_LIMITS, SearchLimits
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from gaitopt.gait.gait import Gait
+    from gaitopt.api.verbs import Output
+    from gaitopt.gait.gait import Attractor, Gait
     from gaitopt.problem.problem import Problem
     from gaitopt.runs.multistart import Optimum
 
@@ -96,7 +97,7 @@ def gait_of(
     if gait is not None:
         terminal.say(f"taken from {folder}")
         return gait, folder, False
-    return solve_verified(problem, terminal, folder if keep else None), folder, True
+    return solve_verified(problem, terminal, folder if keep else False), folder, True
 
 
 def known_gait(
@@ -130,25 +131,27 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Termina
 
 
 def solve_verified(
-    problem: "Problem",
+    question: "Problem | Attractor",
     terminal: Terminal,
-    folder: Path | None,
+    output: "Output",
     method: str = "auto",
     start: "Optimum | None" = None,
     *,
     limits: SearchLimits = DEFAULT_LIMITS,
 ) -> "Gait":
-    """The verified gait of a problem, stored in a folder if one is given; or the failed solve."""
+    """The verified gait of a problem or an attractor, stored as ``output`` says; or the failed solve."""
     from gaitopt.api import verbs
+    from gaitopt.gait.gait import Attractor
 
-    with terminal.solving(problem.name) as (progress, interrupted):
+    name = question.problem.name if isinstance(question, Attractor) else question.name
+    with terminal.solving(name) as (progress, interrupted):
         gait = verbs.solve(
-            problem, start=start, method=method, newton_steps=limits.newton_steps,
-            ipopt_iterations=limits.ipopt_iterations, intervals=limits.intervals, output=folder or False,
+            question, start=start, method=method, newton_steps=limits.newton_steps,
+            ipopt_iterations=limits.ipopt_iterations, intervals=limits.intervals, output=output,
             progress=progress, should_stop=interrupted,
         )  # fmt: skip
-        if folder is not None and not gait.converged and gait.best is not None and interrupted():
-            terminal.say(_where_it_ended(folder))
+        if isinstance(output, Path) and not gait.converged and gait.best is not None and interrupted():
+            terminal.say(_where_it_ended(output))
     if not gait.converged:
         return gait
     return gait if gait.verification is not None else gait.verified(verbs.verify(gait).to_record())

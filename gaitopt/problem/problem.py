@@ -35,9 +35,9 @@ from gaitopt.model.registry import (
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.urdf import MAX_BYTES, walker_from_text
 from gaitopt.model.walker import Walker
-from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, near_miss, raise_faults, shown
+from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.reading import Known, read_statement
-from gaitopt.problem.rules import impossible, remarks
+from gaitopt.problem.rules import impossible, over_faults, reference_faults, remarks
 from gaitopt.problem.source import SUFFIXES, find_problem, parse_source, read_text
 from gaitopt.problem.statement import (
     ProblemStatement,
@@ -566,45 +566,12 @@ def build_problem(
         except (UnknownNameError, ProblemError) as error:
             faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
     if reference and walker:
-        subject = f"the reference {shown(name)}"
-        followed_by = next(each for each in control.targets.values() if each.source[0])
-        followed = followed_by.followed(type(walker))
-        needed = dict.fromkeys((*followed.values(), *filter(None, (control.phase_variable,))))
-        unknown = ", ".join(angle for angle in needed if angle not in _angles(reference.walker))
-        theirs = reference.walker
-        if unknown:
-            reason = f"is a {theirs.model}, which has no {unknown} to track"
-            faults.append(Fault(key, f"{subject} {reason}; its angles are {', '.join(_angles(theirs))}"))
-        elif theirs.shape != walker.shape and getattr(followed_by, "joints", None) is None:
-            reason = f"is a {theirs.model}, whose shape is {', '.join(theirs.shape)}"
-            remedy = f"joints: {{{', '.join(f'{mine}: {angle}' for mine, angle in followed.items())}}}"
-            faults.append(Fault(key, f"{subject} {reason}: say which of them each joint follows, {remedy}"))
-        if len(reference.cycle.steps) > 1:
-            why = "the curves are those of one" if control.phase_variable else "its clock restarts at every impact"
-            faults.append(Fault(key, f"{subject} has several steps, but {why}: name a gait of one step"))
+        faults += reference_faults(control, walker, reference)
     raise_faults(faults, place)
     path = files[-1] if files else None
     problem = Problem(**fields, reference=reference, path=path, text=text, place=place)
-    raise_faults([*impossible(problem), *_over_faults(problem)], place)
+    raise_faults([*impossible(problem), *over_faults(problem, problem.objection)], place)
     return problem
-
-
-def _over_faults(problem: Problem) -> Iterator[Fault]:
-    """Faults of the range over which a design holds."""
-    over, known = problem.over, problem.parameters
-    if over is None:
-        return
-    path = ("over", over.key)
-    if over.key not in known:
-        yield Fault(path, f"is not a parameter of this problem{near_miss(over.key, [*known])}")
-    elif isinstance(known[over.key], int):
-        yield Fault(path, "is a whole number, along which there is no family of gaits")
-    elif not over.lower <= known[over.key] <= over.upper:
-        own = f"{over.key} = {known[over.key]:g}, for which the phases and the guess are stated"
-        yield Fault(path, f"[{over.lower:g}, {over.upper:g}] must contain the problem's own value, {own}")
-    else:
-        objections = {end: problem.objection(over.key, end) for end in (over.lower, over.upper)}
-        yield from (Fault(path, why) for why in objections.values() if why)
 
 
 def _with_files(data: Mapping[str, Any], folder: Path, faults: list[Fault], place: Place) -> Mapping[str, Any]:
@@ -681,8 +648,3 @@ def _named(kind: Kind, argument: str, classes: Sequence[Any]) -> dict[str, Any]:
                 f"{argument}: {both} are both called {name!r}: give each {kind.attribute} a name of its own"
             )
     return named
-
-
-def _angles(walker: Walker) -> tuple[str, ...]:
-    """Names of the angles that a reference can give: coordinates, motors' angles, and phase variables."""
-    return tuple(dict.fromkeys((*walker.shape, *walker.actuators, *walker.phases)))

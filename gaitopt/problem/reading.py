@@ -750,11 +750,8 @@ class _StatementReader:
         sources |= set() if isinstance(self._control, NoControl) else {MOTORS}
         if name in SCALARS and SCALARS[name].needs and not sources.intersection(SCALARS[name].needs):
             return "depends on the motors, and this walker is passive: give it a control, or choose another scalar"
-        if (
-            name == "required_friction"
-            and isinstance(self._modes, Cycle)
-            and not any("stick" in mode.contacts.values() for mode in self._modes.phases)
-        ):
+        sticks = cycle is None or any("stick" in mode.contacts.values() for mode in cycle.phases)
+        if name in SCALARS and SCALARS[name].sticking and not sticks:
             return "is defined for sticking phases, and this gait has none"
         return None
 

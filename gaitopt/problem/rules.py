@@ -36,7 +36,7 @@ from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.units import DURATION, MOTOR_WORDS, Scales, Within, symmetric, words_and_unit
 from gaitopt.model.virtual_constraints import Law, VirtualConstraints
 from gaitopt.model.walker import Walker
-from gaitopt.problem.faults import Fault, Key
+from gaitopt.problem.faults import Fault, Key, near_miss, shown
 from gaitopt.problem.scalars import SCALARS, SLIPLESS_STEP
 from gaitopt.problem.schema import HeadSection, state_section
 from gaitopt.problem.statement import ProblemStatement
@@ -90,6 +90,45 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
         yield Fault(STATE, "both feet are at the same place: a step begins with the feet apart")
     if here.upright < FALLEN:
         yield Fault(STATE, "the walker has fallen: a step begins upright")
+
+
+def reference_faults(law: Control, walker: Walker, reference: ProblemStatement) -> Iterator[Fault]:
+    """Faults of the problem whose gait a control law tracks: other joints, or several steps."""
+    theirs, (name, key) = reference.walker, law.source
+    subject = f"the reference {shown(name)}"
+    target = next(each for each in law.targets.values() if each.source[0])
+    followed = target.followed(type(walker))
+    angles = tuple(dict.fromkeys((*theirs.shape, *theirs.actuators, *theirs.phases)))
+    needed = dict.fromkeys((*followed.values(), *filter(None, (law.phase_variable,))))
+    unknown = ", ".join(angle for angle in needed if angle not in angles)
+    if unknown:
+        reason = f"is a {theirs.model}, which has no {unknown} to track"
+        yield Fault(key, f"{subject} {reason}; its angles are {', '.join(angles)}")
+    elif theirs.shape != walker.shape and getattr(target, "joints", None) is None:
+        reason = f"is a {theirs.model}, whose shape is {', '.join(theirs.shape)}"
+        remedy = f"joints: {{{', '.join(f'{mine}: {angle}' for mine, angle in followed.items())}}}"
+        yield Fault(key, f"{subject} {reason}: say which of them each joint follows, {remedy}")
+    if len(reference.cycle.steps) > 1:
+        why = "the curves are those of one" if law.phase_variable else "its clock restarts at every impact"
+        yield Fault(key, f"{subject} has several steps, but {why}: name a gait of one step")
+
+
+def over_faults(problem: ProblemStatement, objection: Callable[[str, float], str | None]) -> Iterator[Fault]:
+    """Faults of the range over which a design holds; for ``objection`` see ``Problem``."""
+    over, known = problem.over, problem.parameters
+    if over is None:
+        return
+    path = ("over", over.key)
+    if over.key not in known:
+        yield Fault(path, f"is not a parameter of this problem{near_miss(over.key, [*known])}")
+    elif isinstance(known[over.key], int):
+        yield Fault(path, "is a whole number, along which there is no family of gaits")
+    elif not over.lower <= known[over.key] <= over.upper:
+        own = f"{over.key} = {known[over.key]:g}, for which the phases and the guess are stated"
+        yield Fault(path, f"[{over.lower:g}, {over.upper:g}] must contain the problem's own value, {own}")
+    else:
+        objections = {end: objection(over.key, end) for end in (over.lower, over.upper)}
+        yield from (Fault(path, why) for why in objections.values() if why)
 
 
 def _control_faults(problem: ProblemStatement) -> Iterator[Fault]:

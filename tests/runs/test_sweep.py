@@ -45,7 +45,7 @@ def test_every_point_is_solved_and_verified(tmp_path, run):
     assert {row["modes"] for row in rows} == {"stick slip_forward / stick"}
     code, _, err = run("plot", str(tmp_path))
     assert code == 6
-    assert f"give the folder of its basin, sweep or attractors: {sweep.run.place}" in err
+    assert f"give the folder of its result: {sweep.run.place}" in err
 
 
 def test_what_is_done_is_not_done_again_not_even_by_another_sweep(tmp_path, monkeypatch):
