@@ -4,8 +4,7 @@ Results are stored as soon as they are computed; a repeated command resumes.
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -92,12 +91,12 @@ def continue_(
         gait = start.gait
     else:
         start = gait = known_gait(problem, changes, None, terminal, keep=False)[0]
-    with interruptible() as interrupted, _live(terminal, param) as show:
+    with interruptible() as interrupted:
         records = families.continuation_records(
             start, param, to, lower=lower, upper=upper, max_points=max_points, max_seconds=max_seconds,
             verify_every=verify_every, output=output, should_stop=interrupted, **levels,
         )  # fmt: skip
-        head, summary = _streamed(records, SHOWN, terminal, show)
+        head, summary = _followed(records, SHOWN, "continuing", terminal)
     if not terminal.json:
         print_branch(terminal.results, summary, param, None if gait is None else gait.problem)
         terminal.results.print(f"run: {head['folder']}", soft_wrap=True)
@@ -105,59 +104,46 @@ def continue_(
     return NOT_VERIFIED if any(checked and not checked["passed"] for checked in ends) else 0
 
 
-def _streamed(
-    records: Iterator[dict[str, Any]], keys: Sequence[str], terminal: Terminal, show: Callable[[Record], None]
+def _followed(
+    records: Iterator[dict[str, Any]], kept: Sequence[str], what: str, terminal: Terminal
 ) -> tuple[Record, list[dict[str, Any]]]:
     """Show the new ones of stored records, and print all of them as JSON lines with ``--json``.
+
+    Points are shown in a live line on a terminal that begins with ``what``, and in lines of their own elsewhere.
 
     Returns
     -------
     head : the first record, the request.
-    summary : the entries ``keys`` of the other records, with the mode sequence of points and the verification of
+    summary : the entries ``kept`` of the other records, with the mode sequence of points and the verification of
         special points.
     """
-    from gaitopt.show.tables import sequence
-
-    head, summary = next(records), list[dict[str, Any]]()
-    if head["stored"]:
-        terminal.say(f"resumed from {head['folder']} after {head['stored']} records")
-    for record in records:
-        shown = {key: record[key] for key in keys if key in record}
-        if record["record"] == "point":
-            shown["sequence"] = sequence(record)
-        else:
-            shown["verification"] = record["gait"].get("verification")
-        summary.append(shown)
-        if len(summary) > head["stored"]:
-            show(shown)
-        if terminal.json:
-            terminal.print_json(record)
-    return head, summary
-
-
-@contextmanager
-def _live(terminal: Terminal, parameter: str) -> Iterator[Callable[[Record], None]]:
-    """Yield a function that shows a record: in a live line on a terminal, in a line of its own elsewhere."""
-    from gaitopt.show.tables import event
+    from gaitopt.show.tables import event, sequence
 
     console, began, points = terminal.narration, time.monotonic(), 0
-
-    def show(record: Record) -> None:
-        nonlocal points
-        if record["record"] == "special":
-            console.print(f"  {parameter} = {record['value']:.9g}: {event(record)}")
-            return
-        points += 1
-        rate, radius = points / max(time.monotonic() - began, 1e-9), record["spectral_radius"]
-        point = f"{parameter} = {record['value']:.6g}  |multiplier| {radius:.4f}"
-        line = f"{point}  {record['sequence']}  {rate:.0f} gaits/s"
-        if console.is_terminal:
-            status.update(line)
-        else:
-            console.print(f"  {line}")
-
-    with console.status("continuing") as status:
-        yield show
+    with console.status(what) as status:
+        head, summary = next(records), list[dict[str, Any]]()
+        if head["stored"]:
+            terminal.say(f"resumed from {head['folder']} after {head['stored']} records")
+        for record in records:
+            shown = {key: record[key] for key in kept if key in record}
+            summary.append(shown)
+            values = record.get("values") or {head["parameter"]: record["value"]}
+            place = ", ".join(f"{key} = {value:.9g}" for key, value in values.items())
+            if record["record"] == "special":
+                shown["verification"] = record["gait"].get("verification")
+                line = f"{place}: {event(record)}"
+            else:
+                shown["sequence"] = sequence(record)
+                line = f"{place}  |multiplier| {record['spectral_radius']:.4f}  {shown['sequence']}"
+            is_new = len(summary) > head["stored"]
+            if is_new and record["record"] == "point" and console.is_terminal:
+                points += 1
+                status.update(f"{line}  {points / max(time.monotonic() - began, 1e-9):.0f} gaits/s")
+            elif is_new:
+                terminal.say(f"  {line}")
+            if terminal.json:
+                terminal.print_json(record)
+    return head, summary
 
 
 def trace(
@@ -185,23 +171,15 @@ def trace(
     Every point is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import families, stored
-    from gaitopt.show.tables import event, print_trace
+    from gaitopt.show.tables import print_trace
 
     start = stored.load_curve_start(run)
-    with interruptible() as interrupted, terminal.narration.status("tracing") as status:
-
-        def show(record: Record) -> None:
-            place = ", ".join(f"{key} = {value:.9g}" for key, value in record["values"].items())
-            if record["record"] == "point":
-                status.update(place)
-            else:
-                terminal.say(f"  {place}: {event(record)}")
-
+    with interruptible() as interrupted:
         records = families.trace_records(
             start, param, to, lower=lower, upper=upper, max_points=max_points, max_seconds=max_seconds,
             verify_every=verify_every, output=output, should_stop=interrupted,
         )  # fmt: skip
-        head, summary = _streamed(records, TRACED, terminal, show)
+        head, summary = _followed(records, TRACED, "tracing", terminal)
     if not terminal.json:
         print_trace(terminal.results, summary, (head["parameter"], head["key"]))
         terminal.results.print(f"run: {head['folder']}", soft_wrap=True)
