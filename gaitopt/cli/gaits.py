@@ -14,7 +14,6 @@ from gaitopt.requests import (
     INTERVALS,
     IPOPT_ITERATIONS,
     NEWTON_STEPS,
-    FeedbackLaw,
     FindRequest,
     FloorRequest,
     Method,
@@ -28,7 +27,6 @@ from gaitopt.requests import (
     StartsRequest,
     UntilRequest,
     VerifyRequest,
-    choice,
 )
 
 if TYPE_CHECKING:
@@ -85,7 +83,7 @@ def solve(
 
     limits = SearchLimits(newton_steps=newton_steps, ipopt_iterations=ipopt_iterations, intervals=intervals)
     given = [f"--{name.replace('_', '-')}" for name in limits.stated]
-    given += [] if choice(Method, method) is Method.AUTO else ["--method"]
+    given += [] if method == Method.AUTO else ["--method"]
     if starts > 1 and given:
         raise typer.BadParameter(f"{given[0]} and --starts exclude each other; leave out one of them")
     if stored.ATTRACTOR in problem:
@@ -271,7 +269,6 @@ def robustness(
     from gaitopt.api import families
     from gaitopt.show.tables import print_robustness
 
-    RobustnessRequest(what=what, over=over, random=random, walks=walks, steps=steps, seed=seed)
     gait, _, _ = known_gait(run, changes, None, terminal)
     with (
         shown_result(lambda gait: report(gait, None, terminal)),
@@ -307,9 +304,6 @@ def stabilise(
     from gaitopt.api import stored, verbs
     from gaitopt.show.tables import print_stabilised
 
-    # wrong options are refused before a gait is solved
-    kind = None if law is None else choice(FeedbackLaw, law)
-    StabiliseRequest(law=kind, phase=phase, degree=degree, radius=radius)
     if output is not None:
         stored.check_problem_file(output)
     gait, _, _ = known_gait(run, changes, None, terminal)

@@ -168,7 +168,7 @@ def option(request: type[Request], name: str, flag: str = "", *, metavar: str | 
         flag or f"--{name.replace('_', '-')}",
         metavar=metavar or "|".join(field.choices) or None,
         parser=(number if metavar else field.read) if field.is_number else None,
-        callback=field.checked if field.is_number else None,
+        callback=field.checked if field.is_number or field.choices else None,
         help=" ".join(filter(None, (field.about.help, field.about.span and f"[{field.about.span}]"))),
         show_default=field.default is not None,
     )
