@@ -18,7 +18,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.solver.collocation import Collocation, Motion
 from gaitopt.solver.ipopt import IpoptResult
 from gaitopt.solver.newton import Solution
-from gaitopt.solver.rollout import transit_time
+from gaitopt.solver.rollout import step_of_shape, transit_time
 
 
 def straight_motion(problem: Problem, dynamics: Dynamics) -> tuple[Motion, Array]:
@@ -32,10 +32,7 @@ def straight_motion(problem: Problem, dynamics: Dynamics) -> tuple[Motion, Array
     if first is not None and first.postures:
         shapes = np.array([[posture[name] for name in system.walker.shape] for posture in first.postures])
     else:
-        struck, last = system.walker.swapped(cycle.impact), cycle.phases[-1]
-        mapped = dynamics.after_impact(struck, state, last)[:n]
-        A = np.asarray(system.reset_jacobian(struck, last)(state, dynamics.p))[:n, :n]
-        shapes = np.array([state[:n], state[:n] + np.linalg.solve(A, state[:n] - mapped)])
+        shapes = np.array([state[:n], state[:n] + step_of_shape(dynamics, cycle, state)])
     grid = np.linspace(0.0, period, len(shapes))
 
     def motion(phase: int, times: Array) -> Array:

@@ -315,20 +315,29 @@ def roll_out(
     )
 
 
-def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
-    """Duration of a step [s] at the rates of ``state``, until a joint reaches the shape that the impact maps back.
+def step_of_shape(dynamics: Dynamics, cycle: Cycle, state: Array) -> Array:
+    """Change of the shape from that of ``state``, just after an impact, to the one that the last impact maps back.
 
-    Relabelling is affine, s_plus = A s_minus + b, so that A and b follow from any one state. The duration is the
-    natural unit of time if no joint moves, if massless feet are placed anew, and if no landing ends the cycle.
+    Relabelling is affine, s_plus = A s_minus + b, so that A and b follow from any one state.
     """
-    system, p, time = dynamics.system, dynamics.p, dynamics.scales.time
-    if system.walker.weightless() or system.cycle_end != TOUCHDOWN:
-        return time
-    n, rates = len(system.walker.shape), np.abs(state[system.n_shape + 1 :])
+    system, n = dynamics.system, len(dynamics.system.walker.shape)
     struck, last = system.walker.swapped(cycle.impact), cycle.phases[-1]
     mapped = dynamics.after_impact(struck, state, last)[:n]
-    A = np.asarray(system.reset_jacobian(struck, last)(state, p))[:n, :n]
-    travel, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), rates[:n]
+    A = np.asarray(system.reset_jacobian(struck, last)(state, dynamics.p))[:n, :n]
+    return np.asarray(np.linalg.solve(A, state[:n] - mapped))
+
+
+def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
+    """Duration of a step [s] at the rates of ``state``, until a joint has made its part of ``step_of_shape``.
+
+    The duration is the natural unit of time if no joint moves, if massless feet are placed anew, and if no landing ends
+    the cycle.
+    """
+    system, time = dynamics.system, dynamics.scales.time
+    if system.walker.weightless() or system.cycle_end != TOUCHDOWN:
+        return time
+    travel = np.abs(step_of_shape(dynamics, cycle, state))
+    rates = np.abs(state[system.n_shape + 1 :])[: travel.size]
     if not np.isfinite(travel).all():
         return MAX_STEP_TIME * time
     moving = (travel > 0) & (rates > 0)
