@@ -702,7 +702,7 @@ class CurveReference(Reference):
     def given(self) -> Reference:
         """Bezier curves whose points are unknowns, if no start is needed; otherwise this reference.
 
-        Such curves have points of the right number and size, and a duration or a span.
+        Such curves have points of the right number and size, and a duration or a span. Others have faults to report.
         """
         curve, points, stated = self.curve, self.curve.points or {}, dict[str, object]()
         end: object = self.span if self.phase_variable else curve.duration
@@ -711,7 +711,7 @@ class CurveReference(Reference):
             stated |= {"phase": self.phase, "span": end} if self.phase_variable else {"duration": end}
         right = (len(row) == curve.degree + 1 and max(map(abs, row)) <= curve.within for row in points.values())
         is_given = curve.start is None and self.joints is None and points and all(right)
-        if not is_given or not (self._over_law or end):
+        if not is_given or not (self._over_law or (end and not curve.invariant)):
             return self
         stated |= {"bezier": self._unknown(points), "invariant": curve.invariant}
         return _stated(BezierReference, stated, self._over_law)

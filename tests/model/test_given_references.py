@@ -474,6 +474,11 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         ),
         ({"curve": {**FREE, "points": {"theta2": [0, 0, 0.7]}}, **HELD}, ".curve.points.theta2[2]", "0.7 is outside"),
         ({"curve": {**FREE, "points": {"theta2": [0, 0]}}, **HELD}, ".curve.points.theta2", "of degree 2 has 3"),
+        (
+            {"curve": {**FREE, **FLAT["curve"], "invariant": True}, **HELD},
+            ".curve.invariant",
+            "applies to virtual_const",
+        ),
         ({"curve": {"degree": 2, "start": "compass-passive-b"}, "phase": "theta1"}, ".phase", "theta1 cannot follow"),
         ({**OVER_PHASE, "degree": 6, "beyond_end": "off"}, ".beyond_end", "applies only to curves of time"),
         (TORSO, ".gait", "say which of them each joint follows, joints: {th"),
