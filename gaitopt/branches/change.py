@@ -47,6 +47,9 @@ PHASE_END = 0.02
 """An event counts as at the end of a phase if it is within this part of the phase from that end."""
 DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
 """Distances past the event at which a successor is tried, relative to the span of the parameter."""
+LEAST_SPAN = 0.01
+"""Least span from which these distances are taken, relative to the parameter: next to the event a new phase may be too
+short to simulate, however near the target is."""
 SIMULATED_DISTANCES = (1e-4, 1e-2)
 """Distances past the event at which a fixed point of the simulator's return map is sought if no proposal holds."""
 FIRST_STEPS = 5.0
@@ -116,7 +119,7 @@ def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
     """The label of the contact, or group of contacts, to which a vanishing monitor belongs; empty if it has none.
 
     For an impact in which the feet swap roles, it is the name after that, like in ``impact``. For a phase that
-    vanishes, it is the contact whose state differs from both neighbouring phases.
+    vanishes or meets a breakpoint, it is the contact whose state differs from both neighbouring phases.
     """
     if "." in key.kind:
         names, swaps = contact_of(key.kind).split("+"), key.phase is None
@@ -125,7 +128,7 @@ def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
             swaps = landed is not None and landed.swaps
         partner = walker.partners() if swaps else {}
         return "+".join(partner.get(name, name) for name in names)
-    if key.phase is None:
+    if key.phase is None or key.kind not in ("duration", BREAKPOINT):
         return ""
     mode, n = cycle.phases[key.phase], len(cycle.phases)
     neighbours = [cycle.phases[(key.phase + k) % n].contacts for k in (-1, 1)]
@@ -302,6 +305,7 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
     """
     point, curve = event.point, event.point.curve
     ahead = np.sign(point.tangent[-1]) or 1.0
+    span = max(curve.metric.span, LEAST_SPAN * abs(point.value))
     candidates = successors(point.gait.system.transitions, curve.cycle, _active(point, key))
     jumps = key.kind == BREAKPOINT
     if key.phase is None:
@@ -311,20 +315,20 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
         reason = f"{curve.cycle.phase_words(key.phase)}{lost}"
     tried = dict.fromkeys(candidates)
     for side in (ahead, -ahead):
-        for cycle, distance, states in _proposals(point, candidates, side * curve.metric.span):
+        for cycle, distance, states in _proposals(point, candidates, side * span):
             tried[cycle] = None
-            successor = _attempt(point, cycle, offset := side * distance * curve.metric.span, states)
+            successor = _attempt(point, cycle, offset := side * distance * span, states)
             if successor is None or successor.curve.cycle == curve.cycle:
                 continue
             if _is_continuous(point, successor, offset, jumps=jumps):
-                return successor, reason, FIRST_STEPS * distance
+                return successor, reason, FIRST_STEPS * distance * (span / curve.metric.span)
     for distance in SIMULATED_DISTANCES:
-        offset = ahead * distance * curve.metric.span
+        offset = ahead * distance * span
         successor = simulated_gait(point, offset)
         if successor is None or successor.curve.cycle == curve.cycle:
             continue
         if _is_continuous(point, successor, offset, jumps=jumps):
-            return successor, reason, FIRST_STEPS * distance
+            return successor, reason, FIRST_STEPS * distance * (span / curve.metric.span)
     dynamics = point.gait.dynamics
     if dynamics.stick_comes_first and tried:
         jump = "static friction is above kinetic friction"

@@ -297,11 +297,11 @@ AT_PERIOD = Margin(
 MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS, BREAKPOINT: AT_BREAKPOINT, CLOCK: AT_PERIOD}
 STOP = Margin(
     unit="one",
-    lost="a stop locks, a switch triggers or the section is reached earlier in the step",
-    absent="the stop does not lock, the switch does not trigger, or the section is not reached",
+    lost="{name} falls to zero earlier in the step",
+    absent="{name} does not fall to zero in it",
     rises=True,
 )
-"""Unit and messages of the gap of any joint stop, and of the margin of any switch or section."""
+"""Unit and messages, with ``{name}``, of the gap of any joint stop, and of the margin of any switch or section."""
 CONE: Mapping[Mode, str] = {Mode.SLIP_FORWARD: "cone_forward", Mode.SLIP_BACKWARD: "cone_backward"}
 """The margin of a sticking foot that falls to zero when each slip begins; in impacts its name begins with
 ``impulse_``."""
@@ -339,7 +339,9 @@ def named(what: str, name: str) -> str:
 @lru_cache(maxsize=256)
 def margin(name: str) -> Margin:
     """Unit and messages of a margin, with the name of its contact; ``MARGINS`` lacks those of stops and switches."""
-    facts, contact = MARGINS.get(kind(name), STOP), name.partition(".")[2]
+    facts, contact = MARGINS.get(kind(name)), name.partition(".")[2]
+    if facts is None:
+        return replace(STOP, lost=STOP.lost.format(name=name), absent=STOP.absent.format(name=name))
     if not contact:
         return facts
     lost, absent = (re.sub(FOOT_PHRASES, f"the contact {contact}", text) for text in (facts.lost, facts.absent))
