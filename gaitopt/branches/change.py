@@ -436,6 +436,13 @@ def exchanged_half(before: Gait, after: Gait) -> Cycle | None:
     return Cycle(steps[:half]) if np.vdot(here, there) < 0 else None
 
 
+def halves_apart(gait: Gait) -> float:
+    """Largest difference of the states of the two halves of a cycle in natural units; inf if their modes differ."""
+    half, odd = divmod(len(gait.steps), 2)
+    alike = not odd and gait.cycle.steps[:half] == gait.cycle.steps[half:]
+    return float(np.abs(_unlikeness(gait, half)).max()) if alike else np.inf
+
+
 def _unlikeness(gait: Gait, half: int) -> Array:
     """Difference of the states after the impacts of the two halves of a cycle, in natural units; shape (half, n)."""
     states = np.array([step.arcs[0].states[0] for step in gait.steps]) / gait.dynamics.state_units

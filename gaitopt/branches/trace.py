@@ -24,6 +24,7 @@ from gaitopt.branches.change import (
     DISTANCES,
     NEARBY,
     halved_cycle,
+    halves_apart,
     located_on_successor,
     start_states,
     successors,
@@ -79,6 +80,9 @@ AT_BOUND = 1e-9
 """A point is at a bound if its relative distance from it is below this number."""
 HALVES_APART = (1e-3, 1e-2)
 """Arclengths from a period doubling at which the halves of a doubled gait differ enough for Newton's method."""
+NEARLY_HALVED = 1e-4
+"""Where the halves of a doubled gait differ by less than this in natural units, a multiplier is 1 down to rounding,
+because it approaches 1 like the square of their difference."""
 MARGINS = ("mode_change", "impact_change", str(Ending.LIFT_OFF), str(Ending.PAINLEVE))
 """Types of special points at which a margin vanishes."""
 
@@ -463,6 +467,9 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
                 continue
             if name.endswith("_neimark_sacker") and not others_are_complex(local, self.kind, kappa):
                 continue
+            if name == "margin_fold" and halves_apart(location.point.gait) < NEARLY_HALVED:
+                yield self._special("end", location.point, reason=HALVED)
+                return
             special = self._special(name, location.point, location.status)
             following = self._beginning(name, location.point.gait, local, kappa)
             if name == "margin_period_doubling" and self.own is not None:

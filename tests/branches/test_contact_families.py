@@ -121,6 +121,14 @@ def test_with_less_friction_the_heel_of_a_flat_foot_slips_in_its_strike() -> Non
     assert verify(branch.points[-1].gait).passed
 
 
+@pytest.mark.slow
+def test_a_bounding_gait_whose_section_would_be_passed_twice_ends_there() -> None:
+    """With less inertia the trunk rises and falls between the stances, too, so that it has an apex more."""
+    (end,) = continuation(named("bounding-overlap"), "walker.inertia", to=1.0, verify_every=0).specials
+    assert (end.type, end.reason, end.contact) == ("end", "apex falls to zero earlier in the step", "")
+    assert end.value == pytest.approx(1.1458, abs=1e-4)
+
+
 OSCILLATING = """{type: oscillating, cycle: 1.90995, kp: 78.3597, kd: 5.89262, mean: {pull: 0.5, push: 0.5},
   amplitude: {pull: -0.190261, push: 0.172378}}"""
 
@@ -148,9 +156,12 @@ def assert_crossed(branch: Branch) -> None:
     assert step.final_impact.state == pytest.approx(last.state, abs=1e-8)
 
 
-def test_a_slip_of_a_sled_crosses_the_section() -> None:
+@pytest.mark.parametrize(
+    ("to", "points"), [(0.39, 4), pytest.param(0.3961, 400, marks=pytest.mark.slow)]
+)  # the new slip is short as far as to a near target
+def test_a_slip_of_a_sled_crosses_the_section(to: float, points: int) -> None:
     """Both halves of the cycle of this sled are alike: one changes where the other crosses the end of the clock."""
-    assert_crossed(continuation(sled_gait(0.39618), "friction", to=0.39, verify_every=0, max_points=4))
+    assert_crossed(continuation(sled_gait(0.39618), "friction", to=to, verify_every=0, max_points=points))
 
 
 @pytest.mark.slow

@@ -319,6 +319,9 @@ def test_the_margin_of_the_doubled_gait_is_tangent_to_the_period_doublings_that_
         apart = point.values["friction"] - beside.values["friction"]
         ratios.append(apart / np.abs(first - second).max() ** 2)
     assert ratios == pytest.approx([ratios[0]] * len(ratios), rel=0.05)
+    (end,) = trace(doubled, SLOPE, 0.0925, verify_every=0, progress=False).specials  # not a fold, as rounding says
+    assert "the two halves of the cycle become equal" in end.reason
+    assert end.values == pytest.approx(meeting.values, rel=0, abs=1e-6)
 
 
 @pytest.mark.slow
