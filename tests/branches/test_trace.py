@@ -75,7 +75,7 @@ def cut(point, first, kind):
         away = continuation(point.gait, first, value + side, max_points=40, **options)
         if not found and len(away) > 1:
             back = continuation(away.points[-1].gait, first, value - side, max_points=60, **options)
-            found = [each.value for each in back.special(kind)]
+            found = [each.value for each in back.special(kind) if not each.bound]
     return min(found, key=lambda other: abs(other - value), default=None)
 
 
@@ -550,10 +550,23 @@ OTHERS = [
          where=0.0, cuts=4),
     Case("heel-toe", "friction", 0.26, "mode_change", "walker.toe", (0.032, 0.055), index=1,
          margin="cone_backward.toe", cuts=4),
+    Case("heel-toe", "friction", 0.25, "impact_change", "walker.toe", (0.038, 0.042), cuts=4,
+         margin="impulse_cone_forward.swing_heel"),
+    Case("heel-toe-slip", "walker.toe", 0.06, "period_doubling", "friction", (0.262, 0.268), cuts=4),
+    Case("flat-foot", "friction", 1.15, "impact_change", "walker.stiffness", (24.9, 25.1), cuts=1,
+         margin="impulse_cone_backward.swing_heel"),
+    Case("bounding", "walker.energy", 85.0, "impact_change", "walker.stiffness", (7000.0, 7080.0), cuts=4,
+         margin="duration"),
+    Case("kneed-passive", "walker.shank_com", 0.15, "end", "walker.hip_mass", (0.48, 0.52), cuts=4,
+         margin="clearance"),
+    Case("compass-passive-static-kinetic", "friction.static", 0.3, "end", SLOPE, (0.0165, 0.0185), cuts=4,
+         margin="onset", where=0.0),
     Case("crawler", "friction.rear", 0.57, "mode_change", "friction.front", (0.395, 0.41), margin="cone_backward.rear",
          where=0.0, cuts=4),
     Case("inchworm", "friction.front", 0.39, "mode_change", "friction.rear", (0.495, 0.505), cuts=2,
          margin="cone_forward.front"),
+    Case("inchworm", "friction.front", 0.42, "mode_change", "friction.rear", (0.4995, 0.5005), cuts=1,
+         margin="slip_velocity.front", where=0.25),
 ]  # fmt: skip
 
 
