@@ -523,6 +523,11 @@ class HybridSystem:
             swapped[one], swapped[other] = other, one
         return None if swapped == indices else swapped
 
+    @property
+    def legs(self) -> int:
+        """Number of parameter sets of ``step_parameters`` for any values of the parameters."""
+        return len(self.step_parameters(self._symbols.p))
+
     def step_parameters(self, p: Any) -> tuple[Any, ...]:
         """Parameters in each of the first steps, after which they repeat: one set if the legs are alike, otherwise two.
 

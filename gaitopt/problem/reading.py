@@ -196,7 +196,7 @@ class _StatementReader:
 
         Parameters
         ----------
-        steps : number of steps of the cycle; an odd number if it is not known.
+        steps : number of steps of the cycle.
         """
         model, within = self._model, self._cycle_end != TOUCHDOWN
         swapping = model.partners().items() if model is not None and model.step_ends() and self._laws else ()
@@ -215,6 +215,14 @@ class _StatementReader:
             words = "is not possible, since a cycle does not end with a landing: leave it out"
             words = words if within else "applies in every second step: state the phases of 2, 4, ... steps"
             self._fault(("control", key), words)
+
+    @property
+    def _legs_differ(self) -> bool:
+        """Whether parameters of walker, friction or control take other values in every second step."""
+        partners = {} if self._model is None else self._model.partners()
+        of_contacts = any(self._laws[name] != self._laws[other] for name, other in partners.items() if self._laws)
+        of_walker = self._model is not None and self._model.steps_per_cycle() > 1
+        return of_walker or of_contacts or (self._control is not None and bool(self._control.exchanged))
 
     def _read_walker(self) -> tuple[type[Walker] | None, Walker | None]:
         """The class of the walker, and the walker with its parameters."""
@@ -625,9 +633,9 @@ class _StatementReader:
         if gait.impact is not None and self._cycle_end != TOUCHDOWN:
             self._fault(("gait", "impact"), "the cycle ends without an impact: leave it out")
             return None, None
-        fewest_steps = 1 if self._model is None else self._model.steps_per_cycle()
+        fewest_steps = 2 if self._legs_differ else 1
         sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, fewest_steps))
-        self._check_swapped(1)
+        self._check_swapped(fewest_steps)
         if "steps" in gait.model_fields_set and gait.steps < fewest_steps:
             self._fault(("gait", "steps"), UNEVEN.format(gait.steps))
         if gait.guess is not None and {*FirstGuessSection.model_fields} & {*gait.guess}:

@@ -167,7 +167,7 @@ class Orbit:
         self.varied, self.interval = varied, tuple(interval)
         self.sequence, self.arcs, self.n = sequence, tuple(arcs), system.n_z + 1
         self.order = order
-        spaces = [PhaseSpace(system, varied, step) for step in range(_sets_of_parameters(system))]
+        spaces = [PhaseSpace(system, varied, step) for step in range(system.legs)]
         self._spaces = [sequence.per_phase(spaces)[arc.phase] for arc in arcs]
         self.nodes: list[list[int]] = []
         for arc in arcs:
@@ -427,12 +427,6 @@ class Orbit:
         z_plus = system.impact(struck, before, ends_step=self.ends_step(j))(z, values)[0]
         outputs = [margins, z_plus, counts, system.push(before)(z, values)[1]]
         return BallFunction(Function(f"impact_{struck.key}", [y, p], cse(outputs)), [self.p])
-
-
-@building
-def _sets_of_parameters(system: HybridSystem) -> int:
-    """The number of steps after which the parameters repeat: 2 if legs that differ swap theirs."""
-    return len(system.step_parameters(SX.sym("p", len(system.parameters))))
 
 
 @dataclass(frozen=True, slots=True)

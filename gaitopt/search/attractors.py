@@ -65,7 +65,7 @@ def settled(
     dynamics, endings, found = mapped.dynamics, Counter[str](), list[Attractor]()
     walk_on, walking = mapped.closed(np.asarray(xi, dtype=float))
     units = dynamics.state_units[mapped.indices] if mapped.is_stated else dynamics.state_units
-    per_cycle = dynamics.system.walker.steps_per_cycle()
+    per_cycle = dynamics.steps_per_cycle
     for attempt in range(MOST_TRANSIENTS):
         path = np.empty((keep + 1, len(walking), len(units)))
         alive, states = np.arange(len(walking)), walking
@@ -151,7 +151,7 @@ def _on_section(mapped: StepMap, simulator: Simulator, place: Array) -> tuple[Se
     if mapped.is_stated:
         section = system.section(Mode.slip(place[-1]) if place[-1] else Mode.STICK)
         return section, section.lift(place[: section.indices.size], mapped.dynamics.p)
-    last = simulator.run(place, steps=system.walker.steps_per_cycle()).steps[-1]
+    last = simulator.run(place, steps=mapped.dynamics.steps_per_cycle).steps[-1]
     if last.impact is None:
         return None
     return section_of(system.walker, last.arcs[-1].mode, last.impact.mode, system.cycle_end), last.impact.state
@@ -171,7 +171,7 @@ def _slow_cycle(mapped: StepMap, orbit: Array, period: int) -> Array | None:
     If an orbit spirals into a cycle and one turn takes a whole number of cycles, it seems to have the period of a turn.
     Newton's method finds the cycle in the middle of the spiral; None if it finds no stable cycle.
     """
-    simulator, per_cycle = Simulator(mapped.dynamics), mapped.dynamics.system.walker.steps_per_cycle()
+    simulator, per_cycle = Simulator(mapped.dynamics), mapped.dynamics.steps_per_cycle
     on_section = _on_section(mapped, simulator, orbit[-1])
     if on_section is None:
         return None

@@ -29,7 +29,7 @@ def cycle_record(
     """
     steps = [(phase_records(step), step.final_impact.mode) for step in cycle]
     states = [step.arcs[0].states[0] for step in cycle]
-    per_cycle, size = system.walker.steps_per_cycle(), np.abs(states[0]).max()
+    per_cycle, size = cycle[0].arcs[0].dynamics.steps_per_cycle, np.abs(states[0]).max()
 
     def repeats(n: int) -> bool:
         return all(np.abs(state - states[k % n]).max() < SAME * size for k, state in enumerate(states))

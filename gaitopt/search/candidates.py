@@ -134,7 +134,7 @@ def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[C
 
     modes, impacts = walker.modes(), walker.foot_modes()
     simulator = Simulator(dynamics, stepper_class(step.engine))
-    shortest, per_cycle = SHORTEST_STEP_PERIOD * dynamics.scales.time, walker.steps_per_cycle()
+    shortest, per_cycle = SHORTEST_STEP_PERIOD * dynamics.scales.time, dynamics.steps_per_cycle
     for n_returns in range(1, job.n_steps // per_cycle + 1):
         near, starts = _near_returns(history / sizes, n_returns)
         tries = (

@@ -372,12 +372,12 @@ def grown_box(plan: SearchPlan, dynamics: Dynamics, box: StartBox, gaits: Sequen
 
 
 def _section_states(gaits: Iterable[Gait]) -> Array:
-    """Section coordinates of gaits at the start of every step; with unequal legs, of every other step."""
+    """Section coordinates of gaits at the start of every step; if the legs differ, of every second step."""
     return np.array(
         [
             step.arcs[0].states[0][gait.system.section(Mode.SLIP_FORWARD).indices]
             for gait in gaits
-            for step in gait.steps[:: gait.system.walker.steps_per_cycle()]
+            for step in gait.steps[:: gait.dynamics.steps_per_cycle]
         ]
     )
 

@@ -98,7 +98,7 @@ def solve_attractor(
     if problem.free:
         raise ProblemError(f"{problem.name} has free parameters: compute the basin of its gait, which has their values")
     dynamics = problem_dynamics(problem, should_stop=should_stop)
-    simulator, n_steps = Simulator(dynamics), attractor.period * dynamics.system.walker.steps_per_cycle()
+    simulator, n_steps = Simulator(dynamics), attractor.period * dynamics.steps_per_cycle
     section = problem.map_section
     start = section.lift(attractor.state, dynamics.p) if section.stated else attractor.state
     walked = simulator.run(start, n_steps).steps

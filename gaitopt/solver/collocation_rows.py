@@ -199,7 +199,7 @@ class Transcription:
     @cached_property
     def variants(self) -> tuple[tuple[Mode, int], ...]:
         """The mode of each phase, and the entry of ``HybridSystem.step_parameters`` that its step uses."""
-        cycle, legs = self._mesh.cycle, self._system.walker.steps_per_cycle()
+        cycle, legs = self._mesh.cycle, self._system.legs
         return tuple((mode, cycle.step_of(phase) % legs) for phase, mode in enumerate(cycle.phases))
 
     def point_function(self, variant: tuple[Mode, int], *, dynamic: bool) -> Function:

@@ -239,6 +239,40 @@ def test_pd_control_repeats_two_steps_that_differ(name):
     assert made.gait.spectral_radius < given.spectral_radius
 
 
+TWO_STEPS = """
+name: two-steps
+walker: {model: compass_biped, leg_length: 1.6, leg_mass: 4, leg_com: 0.8, hip_mass: 2, gravity: 9.8, slope: 1 deg}
+friction: 0.3
+control:
+  {type: pd, kp: 1, kd: 1, reference: {bezier: {theta2: [0, 0.1]}, duration: 0.7, beyond_end: hold},
+  other_reference: {bezier: {theta2: [0, 0.2]}, duration: 0.7, beyond_end: hold}}
+gait: {phases: auto}
+"""
+
+
+def test_a_second_reference_needs_two_steps_and_differs_in_its_control_points_only():
+    opened = go.parse_problem(TWO_STEPS)
+    assert opened.modes.steps == 2
+    with pytest.raises(ProblemError, match="other_reference: applies in every second step"):
+        opened.replace({"gait": {"phases": ["stick"], "impact": "stick", "guess": {"state": {"theta1": -0.2}}}})
+    with pytest.raises(ProblemError, match="other_reference: differs from the reference in more than its control po"):
+        go.parse_problem(TWO_STEPS.replace("0.2]}, duration: 0.7", "0.2]}, duration: 0.8"))
+
+
+@pytest.mark.slow
+def test_a_walk_that_tracks_two_motions_is_found_and_settles():
+    made = go.stabilise(gait("compass-passive-two-step"), law="pd", progress=False)
+    value = float(made.gait.state[0])
+    for engine in ("scipy", "heyoka"):
+        (attractor,) = go.basin(
+            made.gait, {"theta1": (value - 1e-4, value + 1e-4, 2)}, steps=12, engine=engine, workers=1, progress=False
+        ).attractors
+        assert attractor.count == 2
+        assert go.solve(attractor, progress=False).period == pytest.approx(made.gait.period, rel=1e-9)
+    found = go.find(made.problem, starts=1, steps=2, workers=1, progress=False)
+    assert made.gait.period in [pytest.approx(each.period, rel=1e-9) for each in found]
+
+
 class DrivenHopper(Hopper):
     """The hopper with a motor in its leg."""
 
