@@ -234,6 +234,11 @@ class Request:
             object.__setattr__(self, name, entry.checked(getattr(self, name)))
 
     @property
+    def arguments(self) -> dict[str, Any]:
+        """The arguments by name, without the problem, the folder and what else a plan adds to a request."""
+        return {name: getattr(self, name) for name in entries(type(self))}
+
+    @property
     def identity(self) -> list[Any]:
         """The values that distinguish stored work from that of other requests, in the order of the fields.
 

@@ -21,7 +21,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.schema import FrictionCoefficients
-from gaitopt.requests import ContinueRequest, entries
+from gaitopt.requests import ContinueRequest
 from gaitopt.systems import problem_dynamics
 
 FOLLOWS = {
@@ -147,9 +147,8 @@ class Request(ContinueRequest):
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object, the first line of a stored branch; events are left out, because they are functions."""
-        record = {name: getattr(self, name) for name in entries(ContinueRequest)}
         followed = {kind: times for kind, times in self.follow.items() if times}
-        return {"record": "continuation", **record, "to": list(self.to), **followed}
+        return {"record": "continuation", **self.arguments, "to": list(self.to), **followed}
 
 
 def motionless_gait(problem: Problem, parameter: str) -> Gait:

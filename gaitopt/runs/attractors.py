@@ -25,7 +25,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import AttractorsRecord, SettledRecord
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit, unit_of
-from gaitopt.requests import AttractorsRequest, entries
+from gaitopt.requests import AttractorsRequest
 from gaitopt.runs.grid import Axis, Grid, at_point, check_room
 from gaitopt.runs.jobs import Plan, ResultFile, all_results
 from gaitopt.search.attractors import settled
@@ -142,8 +142,7 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
     def request(self) -> AttractorsRequest:
         """The request, in which the choice of the engine is made for the number of steps."""
         engine = choose_engine(self.engine, steps=self.axis.count * self.starts * (self.transient + self.keep))
-        asked = {name: getattr(self, name) for name in entries(AttractorsRequest)}
-        return AttractorsRequest(**{**asked, "engine": engine})
+        return AttractorsRequest(**{**self.arguments, "engine": engine})
 
     def check(self) -> None:
         """Refuse an axis that is not over a parameter, an invalid value, or too many states."""

@@ -22,7 +22,7 @@ from gaitopt.gait.gait import Gait, require_converged, require_gait
 from gaitopt.gait.records import FigureRecord, RobustnessRecord
 from gaitopt.problem.floor import Floor, RandomFloor
 from gaitopt.problem.problem import Problem
-from gaitopt.requests import Engine, RobustnessRequest, entries
+from gaitopt.requests import Engine, RobustnessRequest
 from gaitopt.runs.jobs import Plan, ResultFile, all_results
 from gaitopt.simulation.engine import choose_engine
 from gaitopt.simulation.ground import check_floor
@@ -233,7 +233,6 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
     def jobs(self) -> list[Job]:
         """One job per figure."""
         engine = choose_engine(self.engine, steps=MANY_STEPS)
-        names, asked = list[str](), {name: getattr(self, name) for name in entries(RobustnessRequest)}
         fitting = [kind for kind in KINDS if kind.startswith("friction") or self._may_be_uneven(kind)]
         of_group: dict[str, list[str]] = {
             "range": [f"range:{self.key}"],
@@ -243,7 +242,7 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
             FALLS: [*(f"{FALLS}:{first}" for first in range(0, self.walks, WALKS_AT_ONCE)), EIGENVALUE],
         }
         names = [name for group in self.groups for name in of_group[group]]
-        request = RobustnessRequest(**{**asked, "engine": engine})
+        request = RobustnessRequest(**{**self.arguments, "engine": engine})
         state = [f"{value:.9g}" for value in self.gait.state]  # a stored gait has other last digits
         jobs = list[Job]()
         for name in names:

@@ -13,7 +13,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import CheckedTracePoint, TraceRecord, TraceRequestRecord, TraceSpecialRecord
 from gaitopt.gait.trace import CurveStart, Trace, TracePoint, TraceSpecial, trace_table
 from gaitopt.problem.problem import Problem
-from gaitopt.requests import TraceRequest, entries
+from gaitopt.requests import TraceRequest
 from gaitopt.runs.lines import CurveFile, LinesPlan
 from gaitopt.store.branch import resumable_trace, stored_traces
 from gaitopt.store.gaits import trace_point, trace_special
@@ -58,9 +58,8 @@ class TracePlan(LinesPlan[CurveStart, TraceRecord]):
     @property
     def head(self) -> dict[str, Any]:
         """The request, and the condition that holds along the curve."""
-        request = {name: getattr(self.request, name) for name in entries(TraceRequest)}
-        record = {"record": "trace", "parameter": self.start.parameter, **request, "to": list(self.request.to)}
-        return record | self.start.to_record()
+        request = {**self.request.arguments, "to": list(self.request.to)}
+        return {"record": "trace", "parameter": self.start.parameter, **request, **self.start.to_record()}
 
     @property
     def name(self) -> str:
