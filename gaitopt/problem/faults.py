@@ -34,7 +34,7 @@ HINTS: Mapping[str, str] = {
     "limp|other_leg": "the legs of unequal_compass may differ",
     "support|both_feet": "a class with several contacts may have both feet on the ground, such as slip_walker",
     "bounc|rebound|restitution|elastic": "impacts are plastic, and nothing bounces",
-    "stair|step_height|rough|terrain|obstacle": "the ground is a plane slope",
+    "stair|step_height|rough|terrain|obstacle": "gaits are on a plane slope; `gaitopt simulate --floor` has steps",
     "lateral|yaw|3d|width": "all motion is in a plane",
     "electric|joule": "electrical work with R/k^2 of the windings: objective: {work: 1, torque_squared: R/k^2}",
     "delay|observer|sampl|cpg": "a control is a function of the shape, its rates and the time since the impact",
