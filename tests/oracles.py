@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,6 +202,34 @@ def constrained(
     K = np.block([[J.T * m @ J + inertia, -pushes.T], [held, np.zeros((len(held), len(held)))]])
     right = J.T @ (m * (np.tile(gravity, len(masses)) - bias)) + loads
     return tuple(np.split(np.linalg.solve(K, [*right, *np.zeros(len(held))]), [len(q)]))
+
+
+class Crawl(NamedTuple):
+    """The cycle of a crawler whose masses slide in turn: least and largest gap, ratios and times of both slides."""
+
+    least: Any
+    largest: Any
+    factors: tuple[Any, Any]
+    times: tuple[Any, Any]
+
+
+def crawl(front: Any, rear: Any, slope: Any, number: Callable[[str], Any] = float, functions: Any = np) -> Crawl:
+    """Closed form of the named crawler with the frictions of its masses on a slope, in numbers of any kind.
+
+    Each half one mass slides half an oscillation about where its forces balance, and then rests: gap = g + (gap_0 - g)
+    (1, -e) at both ends of a slide, e = exp(-s pi / w). The gap pushes the front mass ahead, and pulls the rear one;
+    friction is against the motion ahead.
+    """
+    k, c, rest, force, weight = map(number, ("20", "1.5", "0.5", "4.95", "9.81"))
+    along, normal, slides = weight * functions.sin(slope), weight * functions.cos(slope), []
+    for m, mu, sign in ((number("1.5"), front, 1), (number("1"), rear, -1)):
+        s = c / (2 * m)
+        w = functions.sqrt(k / m - s * s)
+        balance = rest + sign * (force + m * along - mu * m * normal) / k
+        slides.append((balance, functions.exp(-s * functions.pi / w), functions.pi / w))
+    (g1, e1, t1), (g2, e2, t2) = slides
+    least = (g2 * (1 + e2) - e2 * g1 * (1 + e1)) / (1 - e1 * e2)
+    return Crawl(least, g1 + e1 * (g1 - least), (e1, e2), (t1, t2))
 
 
 def cross(a: Array, b: Array) -> float:

@@ -15,12 +15,16 @@ def branch() -> Branch:
     return continuation(gait, "friction", 0.913, verify_every=0)
 
 
-def test_points_come_in_the_order_in_which_they_were_found(branch: Branch) -> None:
+def test_points_come_in_the_order_in_which_they_were_found_and_columns_are_their_scalars(branch: Branch) -> None:
     assert len(branch) == len(branch.points) == branch.values.size
     assert [point.value for point in branch] == branch.values.tolist()
     assert branch[0].value == 0.916
     assert branch[-1].value == pytest.approx(0.913, abs=1e-15)
     assert np.all(np.diff(branch.values) < 0)
+    for name in ("spectral_radius", "period", "state.theta"):
+        assert branch.column(name) == pytest.approx([point.gait.scalar(name) for point in branch])
+    with pytest.raises(KeyError):
+        branch.column("colour")
 
 
 def test_a_slice_is_a_branch_with_the_special_points_of_its_branches(branch: Branch) -> None:
@@ -28,14 +32,6 @@ def test_a_slice_is_a_branch_with_the_special_points_of_its_branches(branch: Bra
     assert len(branch.branch(0)) + len(branch.branch(1)) == len(branch)
     assert {special.branch for special in branch.branch(1).specials} == {1}
     assert branch[:0].specials == ()
-
-
-def test_columns_are_scalars_of_the_gaits(branch: Branch) -> None:
-    assert branch.column("spectral_radius") == pytest.approx([p.gait.spectral_radius for p in branch])
-    assert branch.column("period") == pytest.approx([p.gait.measures["period"] for p in branch])
-    assert branch.column("state.theta") == pytest.approx([p.gait.state[0] for p in branch])
-    with pytest.raises(KeyError):
-        branch.column("colour")
 
 
 def test_special_points_join_branches_that_exist(branch: Branch) -> None:

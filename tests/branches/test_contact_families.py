@@ -64,9 +64,7 @@ def test_with_less_friction_the_heel_slips_then_the_toe_and_then_the_strike() ->
         ("inchworm", "friction.front", 0.38, ["rear"]),  # two phases of a thousandth of the period vanish at once
     ],
 )
-def test_a_crawl_goes_on_where_several_phases_change_at_once(
-    name: str, parameter: str, to: float, contacts: list[str]
-) -> None:
+def test_a_crawl_goes_on_where_several_phases_change_at_once(name, parameter, to, contacts):
     branch = family(name, parameter, to)
     assert branch.specials[-1].value == to
     assert [special.contact for special in branch.specials[:-1]] == contacts

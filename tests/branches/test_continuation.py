@@ -140,9 +140,7 @@ def test_an_unknown_parameter_names_what_there_is(parameter: str) -> None:
         ("rimless-wheel-slip", "walker.mass", 0.0, r"^0: walker\.mass: 0\.0 must be greater than 0"),
     ],
 )
-def test_a_target_must_differ_and_be_one_that_the_walker_can_have(
-    name: str, parameter: str, to: float, words: str
-) -> None:
+def test_a_target_must_differ_and_be_one_that_the_walker_can_have(name, parameter, to, words):
     with pytest.raises(ProblemError, match=words):
         continuation(named(name), parameter, to)
 

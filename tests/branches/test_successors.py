@@ -34,22 +34,13 @@ def proposed(phases: tuple[Mode, ...], impact: Mode, kind: str, phase: int | Non
         ((F, T), F, "impact_slip_velocity", None, 1.0, ((T,), T)),
     ],
 )
-def test_the_first_proposal_is_what_the_physics_suggests(
-    phases: tuple[Mode, ...],
-    impact: Mode,
-    kind: str,
-    phase: int | None,
-    where: float,
-    first: tuple[tuple[Mode, ...], Mode],
-) -> None:
+def test_the_first_proposal_is_what_the_physics_suggests(phases, impact, kind, phase, where, first):
     assert proposed(phases, impact, kind, phase, where)[0] == Cycle.of_one_step(*first)
 
 
 @pytest.mark.parametrize("kind", ["cone_forward", "slip_velocity", "duration"])
 @pytest.mark.parametrize("phases", [(T,), (F, T), (F, T, B), (B, F, T, B)])
-def test_proposals_differ_from_the_old_sequence_and_from_each_other_and_never_repeat_a_mode(
-    phases: tuple[Mode, ...], kind: str
-) -> None:
+def test_proposals_differ_from_the_old_sequence_and_from_each_other_and_never_repeat_a_mode(phases, kind):
     for phase in (k for k, mode in enumerate(phases) if kind == "duration" or kind in TABLE.of(mode)):
         found = proposed(phases, T, kind, phase, 0.5)
         assert Cycle.of_one_step(phases, T) not in found

@@ -5,13 +5,13 @@ import re
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
-from math import cos, pi, radians, sin, sqrt
+from math import cos, radians, sin
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from named import named
-from oracles import wheel_friction
+from oracles import crawl, wheel_friction
 from scipy.optimize import brentq
 
 import gaitopt as go
@@ -132,19 +132,11 @@ def test_the_wheel_that_slides_without_end_needs_the_tangent_of_the_slope():
 
 
 def crawler_friction(front, slope):
-    """Friction of the rear mass that holds it while the front one slides, where their gap is least.
-
-    Each half one mass slides half an oscillation about where its forces balance; see the test of the crawler.
-    """
-    k, c, rest, force, weight = 20, 1.5, 0.5, 4.95, 9.81
-    along, normal = weight * sin(slope), weight * cos(slope)
-    factors = [np.exp(-pi * c / (2 * m) / sqrt(k / m - (c / (2 * m)) ** 2)) for m in (1.5, 1.0)]
+    """Friction of the rear mass that holds it while the front one slides, where their gap is least."""
+    along, normal = 9.81 * sin(slope), 9.81 * cos(slope)
 
     def missing(rear):
-        g1 = rest + (force + 1.5 * along - front * 1.5 * normal) / k
-        g2 = rest + (-force - along + rear * normal) / k
-        least = (g2 * (1 + factors[1]) - factors[1] * g1 * (1 + factors[0])) / (1 - factors[0] * factors[1])
-        return force + k * (rest - least) - along - rear * normal
+        return 4.95 + 20 * (0.5 - crawl(front, rear, slope).least) - along - rear * normal
 
     return brentq(missing, 0.1, 2.0, xtol=1e-14)
 

@@ -59,9 +59,7 @@ class CurvedCompass(ClosedCompass):
 
 @pytest.mark.parametrize("walker", [ClosedCompass, CurvedCompass])
 @pytest.mark.parametrize("name", ["compass-passive-a", pytest.param("compass-torque-stick", marks=pytest.mark.slow)])
-def test_a_compass_without_after_impact_has_the_gait_and_the_multipliers_of_the_compass(
-    walker: type[Walker], name: str
-) -> None:
+def test_a_compass_without_after_impact_has_the_gait_and_the_multipliers_of_the_compass(walker, name):
     gait = named(name)
     data: dict[str, Any] = problem_data(gait.problem)
     closed = parse_problem(json.dumps(data | {"walker": data["walker"] | {"model": walker.model}}), walkers=[walker])

@@ -6,7 +6,7 @@ from combined_walkers import FEET, NamedCompass, NamedUnequal
 from contact_walkers import passive
 from oracles import CASES, COMPASS, FRICTION, SLIPS, WHEEL, Case, compass_oracle, directional, numbers, state_for
 
-from gaitopt import Mode, Walker
+from gaitopt import Mode
 from gaitopt.model.control import ConstantTorque
 from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem
@@ -40,9 +40,7 @@ NAMED = [(NamedCompass, COMPASS), (NamedUnequal, UNEQUAL)]
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(("walker", "parameters"), NAMED)
-def test_named_contacts_have_the_forces_and_impulses_of_equations_2_to_11(
-    walker: type[Walker], parameters: dict[str, float], mode: Mode
-) -> None:
+def test_named_contacts_have_the_forces_and_impulses_of_equations_2_to_11(walker, parameters, mode):
     system, oracle = passive(walker, ()), compass_oracle(**parameters)
     p, rng, n = [*walker(**parameters).model_dump().values(), FRICTION], np.random.default_rng(3), 4
     stance, swing = (Mode.of_contacts({**dict.fromkeys(FEET, "off"), foot: mode}) for foot in FEET)
@@ -116,9 +114,7 @@ def test_energy_changes_by_the_work_of_motors_and_friction(mode: Mode) -> None:
 
 
 @pytest.mark.parametrize("mode", SLIPS)
-def test_painleve_margin_is_the_determinant_of_the_apparent_mass_times_equation_6s_denominator(
-    case: Case, mode: Mode
-) -> None:
+def test_painleve_margin_is_the_determinant_of_the_apparent_mass_times_equation_6s_denominator(case, mode):
     index = case.system.transitions.margin_names(mode).index("painleve")
     for z in case.states():
         q, _ = case.coordinates(z)

@@ -243,9 +243,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("base", "attributes", "words"), FAULTS)
-def test_a_fault_of_a_law_is_one_sentence_that_names_law_and_place(
-    base: type[Control], attributes: dict[str, Any], words: str
-) -> None:
+def test_a_fault_of_a_law_is_one_sentence_that_names_law_and_place(base, attributes, words):
     law = type("Faulty", (base,), {"type": "faulty", "jumps": True, "__module__": __name__, **attributes})
     told = refusal(stated, law, "{type: none}" if base is Regulator else None)
     assert words in told

@@ -61,9 +61,7 @@ def test_a_curve_may_end_before_its_last_piece_does(pieces: list[Piece]) -> None
 
 @pytest.mark.parametrize("beyond_end", [BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF])
 @pytest.mark.parametrize("parametric", [False, True])
-def test_segment_data_say_the_same_in_symbols_as_the_curve_in_numbers(
-    pieces: list[Piece], beyond_end: BeyondEnd, parametric: bool
-) -> None:
+def test_segment_data_say_the_same_in_symbols_as_the_curve_in_numbers(pieces, beyond_end, parametric):
     if parametric:
         curve = bezier_curve(POINTS, (0.0, END), beyond_end=beyond_end)
     else:

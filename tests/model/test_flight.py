@@ -25,9 +25,7 @@ Array = NDArray[np.float64]
     ("body", "foot", "stiffness", "thrust"),
     [(8.0, 2.0, 4000.0, 200.0), (10.0, 1.0, 3000.0, 120.0), (5.0, 2.5, 9000.0, 300.0)],
 )
-def test_hopper_lands_with_the_speed_and_the_multiplier_of_its_closed_form(
-    body: float, foot: float, stiffness: float, thrust: float
-) -> None:
+def test_hopper_lands_with_the_speed_and_the_multiplier_of_its_closed_form(body, foot, stiffness, thrust):
     g, rho = 9.81, body / (body + foot)
     depth = (rho**-2 - 1) * body / (2 * thrust)  # by the square of the speed: the thrust gives what the stop takes
     speed = np.sqrt(body * (1 + 2 * depth * g) / (stiffness * depth**2))

@@ -59,9 +59,7 @@ def test_impulses_are_those_of_equations_9_and_11(case: Case, mode: Mode, law: I
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("mode", MODES)
-def test_colliding_foot_neither_rebounds_nor_sinks_and_moves_only_where_it_slips(
-    case: Case, mode: Mode, law: ImpactLaw
-) -> None:
+def test_colliding_foot_neither_rebounds_nor_sinks_and_moves_only_where_it_slips(case, mode, law):
     for z in case.states():
         hit = collide(case, mode, law, z)
         assert hit.v_plus[1] == pytest.approx(0, abs=1e-11)
@@ -121,9 +119,7 @@ def test_jacobian_agrees_with_central_differences(case: Case, mode: Mode, law: I
 
 
 @pytest.mark.parametrize("kappa", [0.0, 0.3, 1.0])
-def test_wheel_keeps_beta_of_its_rate_as_in_equation_15_and_needs_the_impulse_ratio_of_equation_19(
-    kappa: float,
-) -> None:
+def test_wheel_keeps_beta_of_its_rate_as_in_equation_15_and_needs_the_impulse_ratio_of_equation_19(kappa):
     wheel, angle = RimlessWheel(**{**WHEEL, "inertia_ratio": kappa}), np.pi / WHEEL["spokes"]
     case = Case(wheel, CASES["rimless_wheel"].oracle)
     z_plus, impulse, *_ = numbers(foot_impact(case.system, Mode.STICK)([angle, 0.0, 1.0, 0.0], case.p))

@@ -23,9 +23,7 @@ def solved(name: str) -> go.Gait:
 
 
 @pytest.mark.parametrize(("name", "radius", "sliding"), [(NAMES[0], 0.7664, 0.0), (NAMES[1], 0.9002, 0.01238)])
-def test_gait_is_confirmed_by_the_simulator_and_is_stable_and_slides_as_its_file_says(
-    name: str, radius: float, sliding: float
-) -> None:
+def test_gait_is_confirmed_by_the_simulator_and_is_stable_and_slides_as_its_file_says(name, radius, sliding):
     gait = solved(name)
     assert [claim for claim in go.verify(gait).claims if not claim.passed] == []
     assert gait.spectral_radius == pytest.approx(radius, abs=5e-5)

@@ -11,6 +11,7 @@ from certificates import certificate_of, failed, negated, proof, refusals, rewor
 from flint import acb, arb, ctx
 from jumping import PUSH, SLIPPING, STATE, Staircase
 from named import named
+from oracles import crawl
 from rich.console import Console
 
 from gaitopt import Walker, load_problem, parse_problem, prove, solve
@@ -56,27 +57,23 @@ def test_a_gait_with_events_within_its_step_is_proved_where_the_solver_finds_it(
     assert {claim.name for claim in again.claims} == {claim.name for claim in result.claims}
 
 
+class BALLS:
+    """Functions of balls, by the names of NumPy's."""
+
+    sin, cos, sqrt, exp = arb.sin, arb.cos, arb.sqrt, arb.exp
+    pi = arb.pi()
+
+
 def test_the_damped_oscillations_of_the_crawler_lie_in_its_enclosures():
-    """gap = g + (gap_0 - g) (1, -e) at both ends of each slide, e = exp(-s pi / w); see ``walkers.crawler``."""
     result = proof("crawler")
     with ctx.workprec(PRECISION):
-        k, c, rest, force, weight, slope = map(ball, ("20", "1.5", "0.5", "4.95", "9.81", "0.1"))
-        along, normal, balance, factor, times = weight * slope.sin(), weight * slope.cos(), [], [], []
-        for m, mu, sign in ((ball("1.5"), ball("0.4"), 1), (ball("1"), ball("0.6"), -1)):
-            balance.append(rest + sign * (force + m * along - mu * m * normal) / k)
-            s = c / (2 * m)
-            w = (k / m - s * s).sqrt()
-            factor.append((-s * arb.pi() / w).exp())
-            times.append(arb.pi() / w)
-        (g1, g2), (e1, e2) = balance, factor
-        start = (g2 * (1 + e2) - e2 * g1 * (1 + e1)) / (1 - e1 * e2)
-        wide = g1 + e1 * (g1 - start)
-        assert result.state["gap"].overlaps(start)
+        known = crawl(ball("0.4"), ball("0.6"), ball("0.1"), ball, BALLS)
+        assert result.state["gap"].overlaps(known.least)
         assert all(result.state[name].is_zero() or result.state[name].contains(0) for name in ("rise", "y", "dgap"))
-        assert result.durations[0].overlaps(times[0])
-        assert result.durations[2].overlaps(times[1])
-        assert result.measures["step_length"].overlaps(wide - start)
-        assert result.multipliers[0].real.overlaps(e1 * e2)
+        assert result.durations[0].overlaps(known.times[0])
+        assert result.durations[2].overlaps(known.times[1])
+        assert result.measures["step_length"].overlaps(known.largest - known.least)
+        assert result.multipliers[0].real.overlaps(known.factors[0] * known.factors[1])
         assert float(result.state["gap"].rad()) < 1e-11
     assert result.minimal_period
     assert result.statement["cycle_end"] == "clock"

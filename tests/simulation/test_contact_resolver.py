@@ -245,9 +245,7 @@ def test_clear_cases_are_those_that_all_candidates_give(monkeypatch: pytest.Monk
     ("middle", "force", "friction"),
     [(1.0, 4.5, None), (2.0, 4.5, None), (1.0, 6.0, None), (2.0, 6.0, None), (1.0, 3.0, 0.15)],
 )
-def test_contacts_that_come_to_rest_at_nearly_one_instant_are_not_ambiguous(
-    middle: float, force: float, friction: float | None
-) -> None:
+def test_contacts_that_come_to_rest_at_nearly_one_instant_are_not_ambiguous(middle, force, friction):
     """The outer masses of a symmetric sled mirror each other, and rounding parts the instants at which they stop.
 
     In the last case the one still moves with 1e-11 m/s, so slowly stopped that this lasts for longer than an instant.

@@ -446,9 +446,7 @@ def test_a_sliding_rod_slides_lifts_off_or_ends_with_the_name_of_its_paradox(fri
 
 @pytest.mark.parametrize("engine", ["scipy", "heyoka"])
 @pytest.mark.parametrize(("half", "height"), [(0.3, 1.0), (0.2, 0.7), (0.5, 0.4)])
-def test_a_frame_whose_friction_is_exactly_that_of_its_proportions_slides_on_both_feet(
-    half: float, height: float, engine: str
-) -> None:
+def test_a_frame_whose_friction_is_exactly_that_of_its_proportions_slides_on_both_feet(half, height, engine):
     """The force of the rear foot is zero, up to the sign of its rounding: by the rule for ties it stays."""
     if engine == "heyoka" and not is_installed():
         pytest.skip("heyoka is not installed")

@@ -124,9 +124,7 @@ KINDS = (touchdowns, upright, cones, normal_forces, painleve)
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(("seed", "count"), [(1, 8), pytest.param(2, 200, marks=pytest.mark.slow)])
-def test_engines_agree_where_a_margin_is_zero_at_the_start(
-    kind: Callable[..., Iterator[Case]], seed: int, count: int
-) -> None:
+def test_engines_agree_where_a_margin_is_zero_at_the_start(kind, seed, count):
     rng = np.random.default_rng(seed)
     for _ in range(count):
         assert_alike(kind(rng))
@@ -204,9 +202,7 @@ def test_steps_are_the_same_in_other_units(metre: float, second: float, kilogram
         (0.6195421413877503, -9.297814439477257, -3.489174235101138, -0.1580670265578898, (1.03003, -0.22391, 0.41305)),
     ],
 )
-def test_a_slip_next_to_the_paradox_of_painleve_ends_alike(
-    friction: float, ankle: float, hip: float, theta: float, rates: tuple[float, float, float]
-) -> None:
+def test_a_slip_next_to_the_paradox_of_painleve_ends_alike(friction, ankle, hip, theta, rates):
     """DOP853 ran out of steps where the apparent mass of the foot is 1e-8 of what it is in stick."""
     values = {"friction": friction, "control.ankle": ankle, "control.hip": hip}
     dynamics = problem_dynamics(go.load_problem("compass-torque-slip").replace(values))

@@ -90,9 +90,7 @@ def near(root: float) -> Polynomial:
         (from_roots(0.45, 0.45) - 1e-9, True, 0.45 - np.sqrt(1e-9)),
     ],
 )
-def test_a_margin_that_is_armed_or_has_risen_fires_where_it_falls_through_zero(
-    margin: Polynomial, armed: bool, root: float | None
-) -> None:
+def test_a_margin_that_is_armed_or_has_risen_fires_where_it_falls_through_zero(margin, armed, root):
     found = event([margin], armed=[armed])
     assert (found is None) is (root is None)
     assert root is None or found[1] == pytest.approx(root, abs=4e-10)
@@ -156,9 +154,7 @@ def test_every_margin_has_a_rank() -> None:
         (1e-11, -1.0, 0.0, False),
     ],
 )
-def test_a_margin_at_its_edge_falls_or_leaves_it_by_its_first_derivative_that_is_not_zero(
-    margin: float, rate: float, bend: float, expected: bool
-) -> None:
+def test_a_margin_at_its_edge_falls_or_leaves_it_by_its_first_derivative_that_is_not_zero(margin, rate, bend, expected):
     assert falls_at_start("upright", margin, rate, bend) == expected
     several = falls_at_start("upright", *(np.full(2, value) for value in (margin, rate, bend)))
     assert several.tolist() == [expected] * 2

@@ -117,9 +117,7 @@ def test_a_slip_that_a_jump_of_the_torque_starts_is_decided_there_and_no_switch_
         (((0, 0), (45, 0), (0, 0)), 0.3, [Mode.STICK, Mode.SLIP_BACKWARD, Mode.SLIP_BACKWARD, Mode.STICK]),
     ],
 )
-def test_deviations_pass_a_jump_of_the_torque_unchanged(
-    levels: tuple[tuple[float, float], ...], friction: float, modes: list[Mode]
-) -> None:
+def test_deviations_pass_a_jump_of_the_torque_unchanged(levels, friction, modes):
     """A breakpoint lies at a fixed time for all neighbours: it is not an event, even where the foot begins to slip."""
     mapped, xi, h = ReturnMap(staircase((0.3, 0.32), *levels, friction=friction), Mode.STICK), START[[0, 3, 4]], 1e-6
     (step,) = mapped(xi).steps
@@ -139,9 +137,7 @@ def test_deviations_pass_a_jump_of_the_torque_unchanged(
         ((3, 0), 0.18, Mode.STICK, Ending.COMPLETED),
     ],
 )
-def test_every_engine_decides_anew_at_a_breakpoint(
-    torque: tuple[float, float], friction: float, mode: Mode, ending: Ending
-) -> None:
+def test_every_engine_decides_anew_at_a_breakpoint(torque, friction, mode, ending):
     """A jump lifts the foot, starts a slip or leaves it at rest; a motion that ends has a name."""
     scipy = staircase((0.3, 0.32), (0, 0), torque, (0, 0), friction=friction)
     steppers = [ScipyStepper]

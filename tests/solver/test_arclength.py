@@ -132,9 +132,7 @@ def test_folds_in_two_parameters_go_through_their_cusp_where_the_second_one_turn
 @pytest.mark.parametrize(
     ("name", "along", "across"), [("lines", (1.0, 1.0), (1.0, -1.0)), ("pitchfork", (0.0, 1.0), (1.0, 0.0))]
 )
-def test_the_other_branch_through_a_crossing_is_found_on_both_sides(
-    name: str, along: tuple[float, float], across: tuple[float, float]
-) -> None:
+def test_the_other_branch_through_a_crossing_is_found_on_both_sides(name, along, across):
     curve = curve_of(name)
     located_point = np.full(2, 1e-10)  # at the crossing itself the bordered matrix is singular
     direction = curve.crossing(located_point, np.array(along) / np.linalg.norm(along))

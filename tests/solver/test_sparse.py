@@ -39,9 +39,7 @@ def test_product_columns_and_further_row_are_those_of_the_dense_matrix(dense: np
 
 @pytest.mark.parametrize("stiff", [1.0, 1e18])
 @pytest.mark.parametrize("count", [1, 3])
-def test_solutions_are_right_whatever_the_units_and_the_stiffest_row(
-    dense: np.ndarray, stiff: float, count: int
-) -> None:
+def test_solutions_are_right_whatever_the_units_and_the_stiffest_row(dense, stiff, count):
     rng = np.random.default_rng(2)
     rows, columns, x = (
         10 ** rng.uniform(-6, 6, (N, 1)),

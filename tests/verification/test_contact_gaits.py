@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from contact_problems import NAMES, Runner, contact_gait, contact_problem, with_point_feet
 from named import named
+from oracles import crawl
 from samples import sampled
 
 from gaitopt import load_problem, return_map, verify
@@ -131,30 +132,13 @@ def test_a_gait_is_refused_where_a_contact_would_need_more_friction() -> None:
 
 
 def test_a_crawler_is_the_damped_oscillator_that_one_can_write_down() -> None:
-    """Each half one mass slides half an oscillation about where its forces balance, and then rests.
-
-    gap = g + (gap_0 - g) (1, -e) at the two ends, e = exp(-s pi / w); the multiplier is the product of both e.
-    """
-    gait = contact_gait("crawler")
-    k, c, rest, force, weight, slope = 20, 1.5, 0.5, 4.95, 9.81, 0.1
-    along, normal = weight * np.sin(slope), weight * np.cos(slope)
-    masses, friction, signs, pushes = (1.5, 1.0), (0.4, 0.6), (1, -1), (force, -force)
-    balance, factor, times = [], [], []
-    for m, mu, sign, push in zip(masses, friction, signs, pushes, strict=True):
-        # the gap pushes the front mass ahead, and pulls the rear one; friction is against the motion ahead
-        balance.append(rest + (push + sign * m * along - sign * mu * m * normal) / k)
-        s = c / (2 * m)
-        w = np.sqrt(k / m - s**2)
-        factor.append(np.exp(-s * np.pi / w))
-        times.append(np.pi / w)
-    (g1, g2), (e1, e2) = balance, factor
-    start = (g2 * (1 + e2) - e2 * g1 * (1 + e1)) / (1 - e1 * e2)
-    wide = g1 + e1 * (g1 - start)
-    assert gait.state[0] == pytest.approx(start, abs=1e-12)
-    assert gait.arcs[1].states[0][0] == pytest.approx(wide, abs=1e-12)
-    assert gait.multipliers == pytest.approx([e1 * e2], abs=1e-12)
-    assert [gait.phases[0][1], gait.phases[2][1]] == pytest.approx(times, abs=1e-12)
-    assert gait.measures["step_length"] == pytest.approx(wide - start, abs=1e-12)
+    """The multiplier is the product of the ratios of both slides."""
+    gait, known = contact_gait("crawler"), crawl(front=0.4, rear=0.6, slope=0.1)
+    assert gait.state[0] == pytest.approx(known.least, abs=1e-12)
+    assert gait.arcs[1].states[0][0] == pytest.approx(known.largest, abs=1e-12)
+    assert gait.multipliers == pytest.approx([np.prod(known.factors)], abs=1e-12)
+    assert [gait.phases[0][1], gait.phases[2][1]] == pytest.approx(known.times, abs=1e-12)
+    assert gait.measures["step_length"] == pytest.approx(known.largest - known.least, abs=1e-12)
     walked = Simulator(gait.dynamics).run(gait.state, 3)
     assert walked.section_states[-1] == pytest.approx(gait.state, abs=1e-12)
 

@@ -180,9 +180,7 @@ BEYOND = [
 
 
 @pytest.mark.parametrize(("beyond_end", "radius", "cost", "digits"), sampled(BEYOND, 3))
-def test_what_the_reference_does_beyond_its_end_decides_the_multiplier(
-    beyond_end: str, radius: float, cost: float, digits: int
-) -> None:
+def test_what_the_reference_does_beyond_its_end_decides_the_multiplier(beyond_end, radius, cost, digits):
     gait = go.solve(with_values("compass-pd-impact-slip", {"control.reference.beyond_end": beyond_end}))
     assert gait.spectral_radius == pytest.approx(radius, abs=5e-4)
     assert gait.measures["cost_of_transport"] == pytest.approx(cost, abs=0.5 * 10**-digits)

@@ -78,9 +78,7 @@ def test_limits_can_be_free(gait: go.Gait) -> None:
     assert problem.with_fixed({"control.limits.hip": 0.25}).parameters["control.limits.hip"] == 0.25
 
 
-def test_pickles_name_the_class_and_a_run_is_loaded_with_it_or_refused_by_its_name(
-    gait: go.Gait, tmp_path: Path
-) -> None:
+def test_pickles_name_the_class_and_a_run_is_loaded_with_it_or_refused_by_its_name(gait, tmp_path):
     problem, again = pickle.loads(pickle.dumps((damped(), gait)))  # noqa: S301 - our own
     assert problem.control == HipDamper(damping=0.01)
     assert type(problem.control) is HipDamper

@@ -258,9 +258,7 @@ NO_FOOT = "feet: no foot lands with which they would swap: leave it out"
          r"friction.heel: differs from that of swing_heel, with which .*: give both the same\n"),
     ],
 )  # fmt: skip
-def test_what_cannot_swap_within_a_cycle_is_refused_with_its_place(
-    phases: list[Any], changes: dict[str, Any], words: str
-) -> None:
+def test_what_cannot_swap_within_a_cycle_is_refused_with_its_place(phases, changes, words):
     data = problem_data(named("heel-toe").problem)
     gait = {"section": {"margin": "middle"}, "phases": phases, "guess": data["gait"]["guess"]}
     gait |= {key: changes[key] for key in changes if key != "friction"}

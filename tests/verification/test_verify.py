@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import gaitopt as go
 from gaitopt import Cycle, Gait, Mode
 from gaitopt.errors import SolveError
-from gaitopt.gait.trajectory import Arc, ImpactRecord
+from gaitopt.gait.trajectory import Arc
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import CycleOutcome, FixedPoint, ReturnMap
 from gaitopt.verification.verify import LINEARITY, MULTIPLIER_AGREEMENT, Outcome, perturbation_claim, record_claims
@@ -151,9 +151,7 @@ def test_what_is_spoilt_is_seen_by_its_claim_and_by_nothing_else(what: str) -> N
         (put(1, (slice(5, 15), slice(3, 5)), 8.0), {"normal force"}, set()),
     ],
 )
-def test_what_is_spoilt_is_seen_by_some_claims_and_not_by_others(
-    spoil: Callable[[Gait], Gait], seen: set[str], unseen: set[str]
-) -> None:
+def test_what_is_spoilt_is_seen_by_some_claims_and_not_by_others(spoil, seen, unseen):
     rejected = failed(spoil(good()))
     assert seen <= rejected
     assert not unseen & rejected
@@ -228,9 +226,7 @@ class Bent:
         (1e-3, 1e-8, Outcome.NO_LINEAR_RANGE),
     ],
 )
-def test_linear_range_between_rounding_and_curvature_is_found_or_its_absence_named(
-    radius: float, noise: float, outcome: Outcome
-) -> None:
+def test_linear_range_between_rounding_and_curvature_is_found_or_its_absence_named(radius, noise, outcome):
     return_map, point = examined(good("rimless-wheel-slip"))
     claim = perturbation_claim(Bent(return_map, point, radius, noise), point)
     assert claim.outcome is outcome
@@ -267,9 +263,7 @@ def test_every_measure_is_recomputed(name: str, factor: float) -> None:
         ("mode", lambda _: {"mode": BACKWARD}),
     ],
 )
-def test_everything_that_is_recorded_of_the_impact_is_recomputed(
-    what: str, falsify: Callable[[ImpactRecord], dict[str, object]]
-) -> None:
+def test_everything_that_is_recorded_of_the_impact_is_recomputed(what, falsify):
     gait = good()
     impact = replace(gait.steps[-1].impact, **falsify(gait.steps[-1].impact))
     falsified = replace(gait, steps=(replace(gait.steps[0], impact=impact),))
