@@ -52,6 +52,9 @@ def test_the_passive_gait_walks_from_sticking_into_stick_slip_by_itself() -> Non
     assert sequences == [Cycle.of_one_step(phases, STICK) for phases in expected]
     assert branch.specials[-1].type == "end"
     assert branch[-1].value == pytest.approx(0.171, abs=1e-14)
+    verified = [point.gait.verification for point in branch if point.gait.verification is not None]
+    assert len(verified) >= len(branch) // 10
+    assert all(record["passed"] for record in verified)
 
 
 @pytest.mark.parametrize(
@@ -118,16 +121,20 @@ def test_every_point_is_a_gait_that_the_nlp_finds_too() -> None:
         assert alone.spectral_radius == pytest.approx(point.gait.spectral_radius, rel=0, abs=1e-7)
 
 
-def test_verified_points_pass() -> None:
-    verified = [point.gait.verification for point in downwards() if point.gait.verification is not None]
-    assert len(verified) >= len(downwards()) // 10
-    assert all(record["passed"] for record in verified)
-
-
 @pytest.mark.parametrize("parameter", ["frictoin", "walker.slop", "control.hip"])
 def test_an_unknown_parameter_names_what_there_is(parameter: str) -> None:
     with pytest.raises(UnknownNameError, match="did you mean"):
         continuation(passive(0.18), parameter, 0.1)
+
+
+def test_a_failed_attempt_a_target_beyond_a_bound_and_an_event_with_a_taken_name_are_refused() -> None:
+    failed = replace(passive(0.18), status=Status.NOT_CONVERGED, steps=())
+    with pytest.raises(SolveError):
+        continuation(failed, "friction", 0.1)
+    with pytest.raises(ProblemError, match="bound"):
+        continuation(passive(0.18), "friction", 0.1, lower=0.15)
+    with pytest.raises(UnknownNameError, match="fold is a special point already"):
+        continuation(named("rimless-wheel-stick"), "walker.slope", 0.3, events={"fold": lambda gait: 1.0})
 
 
 @pytest.mark.parametrize(
@@ -143,14 +150,6 @@ def test_an_unknown_parameter_names_what_there_is(parameter: str) -> None:
 def test_a_target_must_differ_and_be_one_that_the_walker_can_have(name, parameter, to, words):
     with pytest.raises(ProblemError, match=words):
         continuation(named(name), parameter, to)
-
-
-def test_a_failed_attempt_cannot_be_continued() -> None:
-    failed = replace(passive(0.18), status=Status.NOT_CONVERGED, steps=())
-    with pytest.raises(SolveError):
-        continuation(failed, "friction", 0.1)
-    with pytest.raises(ProblemError, match="bound"):
-        continuation(passive(0.18), "friction", 0.1, lower=0.15)
 
 
 def test_work_is_bounded() -> None:
@@ -211,11 +210,6 @@ def test_zeros_of_functions_of_the_caller_are_located_and_named() -> None:
     assert (slow.status, slow.gait.verification["passed"]) == ("converged", True)
     assert solved("rimless-wheel-stick", walker_slope=slow.value).scalar("speed") == pytest.approx(0.74, abs=1e-11)
     assert "events" not in Request(parameter="friction", to=(1.0,), events=events).to_record()
-
-
-def test_an_event_may_not_have_the_name_of_another_special_point() -> None:
-    with pytest.raises(UnknownNameError, match="fold is a special point already"):
-        continuation(named("rimless-wheel-stick"), "walker.slope", 0.3, events={"fold": lambda gait: 1.0})
 
 
 def test_a_coefficient_that_the_problem_lacks_is_continued_in_a_folder_too(tmp_path) -> None:

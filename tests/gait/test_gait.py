@@ -49,6 +49,8 @@ def test_verification_is_kept_with_the_gait() -> None:
 def test_multipliers_come_largest_first_and_pairs_in_one_order() -> None:
     blocks = np.array([[0.1, 0, 0, 0], [0, 0, -0.8, 0], [0, 0.8, 0, 0], [0, 0, 0, -2.0]])
     assert floquet_multipliers(blocks) == pytest.approx([-2.0, 0.8j, -0.8j, 0.1], abs=1e-14)
+    first, second = np.array([1.0, 0.5, 0.5j]), np.array([0.5j, 1.0, 0.6])
+    assert multiplier_distance(first, second) == pytest.approx(0.1)  # of the worst pair
 
 
 matrices = st.lists(st.floats(-3, 3), min_size=9, max_size=9).map(lambda entries: np.reshape(entries, (3, 3)))
@@ -59,11 +61,6 @@ def test_distance_of_multipliers_does_not_depend_on_their_order(matrix, order) -
     values = floquet_multipliers(matrix)
     assert multiplier_distance(values, values[list(order)]) == 0
     assert np.all(np.diff(np.abs(values)) < 1e-9)
-
-
-def test_distance_is_that_of_the_worst_pair() -> None:
-    first, second = np.array([1.0, 0.5, 0.5j]), np.array([0.5j, 1.0, 0.6])
-    assert multiplier_distance(first, second) == pytest.approx(0.1)
 
 
 def test_arrays_of_results_cannot_be_written_to_but_those_they_came_from_can() -> None:

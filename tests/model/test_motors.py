@@ -50,16 +50,10 @@ gait: {{phases: [stick], impact: stick, guess: {{state: {state | {"d" + name: 0.
             np.asarray(d.system.flow(Mode.STICK)(0, z, d.p, d.system.data(0))).ravel()[n + 1 : 2 * n + 1]
             for d in (driven, passive)
         ]
-        u = TORQUES
-        on_links = np.array(
-            [
-                -u["stance_hip"] - u["swing_hip"],
-                u["stance_hip"] - u["stance_knee"] - u["thighs"],
-                u["stance_knee"] + u["ankle"],
-                u["swing_hip"] - u["swing_knee"] + u["thighs"],
-                u["swing_knee"],
-            ]
-        )
+        hips, knees = ([TORQUES[f"{leg}_{joint}"] for leg in ("stance", "swing")] for joint in ("hip", "knee"))
+        thighs, ankle = TORQUES["thighs"], TORQUES["ankle"]
+        stance = hips[0] - knees[0] - thighs, knees[0] + ankle
+        on_links = [-sum(hips), *stance, hips[1] - knees[1] + thighs, knees[1]]
         terms = driven.system.momentum(Mode.STICK)
         momenta = [
             np.asarray(terms(t=0, z=np.array([*z[: n + 1], *v, 0]), p=driven.p, r=[])["momentum"]).ravel()

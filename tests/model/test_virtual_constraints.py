@@ -103,6 +103,15 @@ def dynamics_of(changes):
     return problem_dynamics(go.load_problem(NAME).replace(changes))
 
 
+def known(dynamics, mode, z, kind="observation"):
+    """Observed numbers of a state, or quantities of the law."""
+    return getattr(dynamics.system, kind)(mode)(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))
+
+
+def torques(dynamics, mode, z):
+    return np.asarray(known(dynamics, mode, z)["torque"]).ravel()
+
+
 def random_states(count=5):
     rng = np.random.default_rng(3)
     shape, rates = rng.uniform(-0.1, 0.1, (count, 2)), rng.uniform(-0.5, 0.5, (count, 2))
@@ -114,8 +123,7 @@ def test_the_torque_is_that_of_the_formula_written_out_by_hand():
     dynamics = dynamics_of({})
     for z in random_states():
         z[-1] = 0.0
-        known = dynamics.system.observation(Mode.STICK)(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))
-        assert np.asarray(known["torque"]).ravel() == pytest.approx([0.0, torque(z[:2], z[3:5])], rel=1e-11)
+        assert torques(dynamics, Mode.STICK, z) == pytest.approx([0.0, torque(z[:2], z[3:5])], rel=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -130,40 +138,28 @@ def test_the_torque_is_that_of_the_formula_written_out_by_hand():
 )
 def test_outputs_obey_a_linear_equation_in_the_mode_that_the_law_knows(model, mode, exact):
     dynamics = dynamics_of({"control.model": model})
-    flow, known = dynamics.system.flow(mode), dynamics.system.quantities(mode)
 
-    def rate_of_output(z):
-        return float(known(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))["rates"])
+    def output(z, name="rates"):
+        return float(known(dynamics, mode, z, "quantities")[name])
 
     for z in random_states():
         z[-1] *= mode.direction
-        dz, h = np.asarray(flow(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))["dz"]).ravel(), 1e-5
-        second = (rate_of_output(z + h * dz) - rate_of_output(z - h * dz)) / (2 * h)
-        y = float(known(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))["outputs"])
-        error = abs(second + KD * rate_of_output(z) + KP * y)
+        dz, h = np.asarray(known(dynamics, mode, z, "flow")["dz"]).ravel(), 1e-5
+        second = (output(z + h * dz) - output(z - h * dz)) / (2 * h)
+        error = abs(second + KD * output(z) + KP * output(z, "outputs"))
         assert error < 1e-7 * (1 + abs(second)) if exact else error > 1e-3
 
 
 def test_pd_torques_are_gains_times_outputs_of_the_motor_that_is_named():
-    changes = {
-        "control": {
-            "type": "virtual_constraints",
-            "outputs": ["hip"],
-            "phase": "theta1",
-            "span": ["-10 deg", "10 deg"],
-            "reference": {"bezier": {"hip": [-0.3, "5 deg", 0.25]}},
-            "law": "pd",
-            "gains": {"kp": 40, "kd": 3},
-        }
-    }
-    dynamics, width = dynamics_of(changes), np.radians(20)
+    law = {"type": "virtual_constraints", "law": "pd", "gains": {"kp": 40, "kd": 3}, "outputs": ["hip"]}
+    curve = {"phase": "theta1", "span": ["-10 deg", "10 deg"], "reference": {"bezier": {"hip": [-0.3, "5 deg", 0.25]}}}
+    dynamics, width = dynamics_of({"control": law | curve}), np.radians(20)
     points = np.array([-0.3, np.radians(5), 0.25])
     for z in random_states():
         s = z[0] / width + 0.5
         y = z[0] + z[1] - bezier(points, s)
         dy = z[3] + z[4] - bezier(points, s, 1) * z[3] / width
-        known = dynamics.system.observation(Mode.SLIP_FORWARD)(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))
-        assert np.asarray(known["torque"]).ravel() == pytest.approx([0.0, -40 * y - 3 * dy], rel=1e-12)
+        assert torques(dynamics, Mode.SLIP_FORWARD, z) == pytest.approx([0.0, -40 * y - 3 * dy], rel=1e-12)
 
 
 @pytest.mark.parametrize("width", [0.2, 0.01])
@@ -178,9 +174,8 @@ def test_a_clamp_holds_the_curves_outside_of_their_span(width):
         bend = width**2 / 2 * (first**-3 - second**-3)
         curves = [bezier(POINTS, clamped, order) for order in range(3)]
         chain = (curves[0], curves[1] * slope / (2 * END), (curves[2] * slope**2 + curves[1] * bend) / (2 * END) ** 2)
-        known = dynamics.system.observation(Mode.STICK)(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))
         expected = torque(z[:2], z[3:5], chain)
-        assert np.asarray(known["torque"]).ravel() == pytest.approx([0.0, expected], rel=1e-10)
+        assert torques(dynamics, Mode.STICK, z) == pytest.approx([0.0, expected], rel=1e-10)
         if abs(s - 0.5) > 1:
             assert curves[0] == pytest.approx(POINTS[0 if s < 0 else -1], abs=width**2)
 
@@ -197,17 +192,17 @@ def test_a_gait_that_leaves_the_span_of_clamped_curves():
 @pytest.mark.portable
 def test_closed_form_of_the_zero_dynamics_agrees_with_the_gait():
     gait, (delta_squared, potential, kinetic) = named(NAME), closed_form()
-    known = gait.constraints
-    assert known.invariant
-    assert known.delta_squared == pytest.approx(delta_squared, abs=1e-12)
+    found = gait.constraints
+    assert found.invariant
+    assert found.delta_squared == pytest.approx(delta_squared, abs=1e-12)
     tops = [potential(theta1) for theta1 in spread(gait)[:, 0]]
-    assert known.potential_max == pytest.approx(max(tops), rel=1e-3)
-    assert known.potential_max >= max(tops) - 1e-9
+    assert found.potential_max == pytest.approx(max(tops), rel=1e-3)
+    assert found.potential_max >= max(tops) - 1e-9
     z = spread(gait)[-1]
     assert (ALONG @ inertia(z[:2]) @ z[3:5]) ** 2 / 2 == pytest.approx(kinetic, rel=1e-10)
-    assert delta_squared * kinetic > known.potential_max  # the walker passes the top
+    assert delta_squared * kinetic > found.potential_max  # the walker passes the top
     assert np.abs(gait.multipliers - delta_squared).min() < 1e-10
-    assert known.decoupling_min_singular_value == pytest.approx(
+    assert found.decoupling_min_singular_value == pytest.approx(
         min(abs(np.array([-curve(q[0])[1], 1.0]) @ np.linalg.inv(inertia(q)) @ [1, 1]) for q in spread(gait)[:, :2]),
         rel=1e-3,
     )
@@ -339,16 +334,12 @@ def test_constants_need_no_tracked_joint():
     """y = q - c; a pd law does what the law ``pd`` does with the same constants."""
     dynamics = dynamics_of({"control.outputs": ["hip"], "control.reference": {"constant": {"hip": 0.1}}})
     z = np.array([0.15, 0.3, 0, 0.4, -0.2, 0])
-    known = dynamics.system.quantities(Mode.STICK)(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))
-    assert float(known["outputs"]) == pytest.approx(0.15 + 0.3 - 0.1, rel=1e-12)
+    assert float(known(dynamics, Mode.STICK, z, "quantities")["outputs"]) == pytest.approx(0.15 + 0.3 - 0.1, rel=1e-12)
     constant = {"reference": {"constant": {"theta2": "5 deg"}}}
     gains = {"kp": 40, "kd": 3}
     mine = dynamics_of({"control.law": "pd", "control.gains": gains, "control.reference": constant["reference"]})
     other = dynamics_of({"control": {"type": "pd", **gains, **constant}})
-    torques = [
-        np.asarray(d.system.observation(Mode.STICK)(0, z, d.p, d.system.data(0))[1]).ravel() for d in (mine, other)
-    ]
-    assert torques[0] == pytest.approx(torques[1], rel=1e-12)
+    assert torques(mine, Mode.STICK, z) == pytest.approx(torques(other, Mode.STICK, z), rel=1e-12)
 
 
 def test_gains_and_constants_may_be_unknowns():

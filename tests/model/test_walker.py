@@ -14,16 +14,16 @@ from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 
-def test_state_is_named_shape_then_foot_then_their_rates() -> None:
+def test_state_is_named_shape_then_foot_then_their_rates_and_the_section_has_the_slip_velocity_of_a_slip() -> None:
     assert RimlessWheel.state_names() == ("theta", "x", "dtheta", "dx")
     assert CompassBiped.state_names() == ("theta1", "theta2", "x", "dtheta1", "dtheta2", "dx")
-
-
-def test_section_has_the_slip_velocity_only_where_the_impact_slips() -> None:
     assert RimlessWheel.section_names(slipping=False) == ("dtheta",)
     assert RimlessWheel.section_names(slipping=True) == ("dtheta", "dx")
     assert CompassBiped.section_names(slipping=False) == ("theta1", "dtheta1", "dtheta2")
     assert TorsoCompass.section_names(slipping=False) == ("theta1", "torso", "dtheta1", "dtheta2", "dtorso")
+    system = CASES["compass_biped"].system
+    names = [system.state_names[k] for k in system.section(Mode.SLIP_FORWARD).indices]
+    assert names == ["theta1", "dtheta1", "dtheta2", "dx"]
 
 
 def test_walker_cannot_be_changed() -> None:
@@ -70,8 +70,5 @@ def test_both_feet_are_on_the_ground_after_an_impact() -> None:
 def test_sequence_that_contradicts_itself_is_refused(phases: tuple[Mode, ...], impact: Mode, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Cycle.of_one_step(phases, impact)
-
-
-def test_slip_may_turn_into_the_opposite_slip_and_follow_a_sticking_impact() -> None:
     sequence = ModeSequence(phases=(Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD, Mode.STICK), impact=Mode.STICK)
     assert str(sequence) == "slip_forward, slip_backward, stick; stick"

@@ -62,12 +62,14 @@ def mapped(request):
     return problem, xi, return_map(problem, xi, engine="heyoka")
 
 
-def test_state_in_a_batch_walks_as_it_does_alone(mapped):
+def test_states_in_a_batch_of_many_sequences_walk_as_they_do_alone(mapped):
     problem, xi, batch = mapped
     system = build_system(problem)
     p = system.values(problem.parameters)
     simulator = Simulator(Dynamics(system, p), HeyokaStepper)
     indices = system.section(Mode.SLIP_FORWARD).indices
+    assert len(set(batch.outcomes)) > 1
+    assert len(set(batch.phases.tolist())) > 3
     for k, row in enumerate(xi):
         alone = simulator.step(simulator.dynamics.lift(row))
         assert batch.outcomes[k] == alone.ending
@@ -76,12 +78,6 @@ def test_state_in_a_batch_walks_as_it_does_alone(mapped):
             np.testing.assert_allclose(batch.states[k], alone.step.impact.state[indices], rtol=0, atol=1e-12)
             np.testing.assert_allclose(batch.times[k], alone.step.period, rtol=0, atol=1e-12)
             np.testing.assert_allclose(batch.step_lengths[k], alone.step.impact.step_length, rtol=0, atol=1e-12)
-
-
-def test_batch_meets_more_than_one_outcome_and_many_sequences(mapped):
-    _, _, batch = mapped
-    assert len(set(batch.outcomes)) > 1
-    assert len(set(batch.phases.tolist())) > 3
 
 
 def test_results_depend_neither_on_order_nor_on_number(mapped):
@@ -238,7 +234,8 @@ def test_knee_that_locks_or_foot_that_scuffs_at_a_breakpoint_is_not_missed(facto
         np.testing.assert_allclose(steps.times, after, rtol=0, atol=1e-11)
 
 
-def test_state_that_is_not_finite_is_named():
+def test_state_that_is_not_finite_is_named_and_no_states_are_no_steps():
+    assert return_map(load_problem("compass-passive-a"), np.zeros((0, 3)), engine="heyoka").states.shape == (0, 4)
     states = np.zeros((4, 3))
     states[2, 1] = np.nan
     with pytest.raises(ValueError, match="row 2 is not"):
@@ -275,10 +272,6 @@ def test_massless_foot_that_begins_with_a_slip_ends_there(engine):
     problem = load_problem("slip-run")
     outcomes = return_map(problem, np.array([[1.1, 0.0], [1.1, 0.1], [1.1, -0.1]]), engine=engine).outcomes
     assert tuple(outcomes) == (Ending.COMPLETED, Ending.PAINLEVE, Ending.PAINLEVE)
-
-
-def test_no_states_are_no_steps():
-    assert return_map(load_problem("compass-passive-a"), np.zeros((0, 3)), engine="heyoka").states.shape == (0, 4)
 
 
 def test_phases_of_a_code_are_those_it_was_made_of():

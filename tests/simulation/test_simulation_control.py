@@ -87,27 +87,22 @@ def test_a_breakpoint_is_passed_as_by_two_separate_integrations() -> None:
 def test_breakpoints_without_a_jump_change_nothing() -> None:
     plain = staircase((), (0.2, 0.1)).run(START).steps[0]
     cut = staircase((0.1, 0.2, 0.4), *[(0.2, 0.1)] * 4).run(START).steps[0]
+    assert staircase((5.0, 100.0), (0, 0), (1, 0), (2, 0)).run(START).ending is Ending.COMPLETED  # beyond the step
     assert cut.period == pytest.approx(plain.period, abs=1e-12)
-    assert cut.impact is not None
-    assert plain.impact is not None
     assert cut.impact.state == pytest.approx(plain.impact.state, abs=1e-11)
 
 
-def test_a_jump_of_the_torque_out_of_the_cone_starts_a_slip_at_the_breakpoint() -> None:
-    """An ankle torque pulls the foot: along x its force on the foot is tau / height of the hip, roughly."""
+def test_a_jump_of_the_torque_out_of_the_cone_starts_a_slip_at_the_breakpoint_that_is_no_switch_by_itself() -> None:
+    """An ankle torque pulls the foot. The mode changes twice, but only the end of the slip is an event."""
     for torque, slip in ((30, Mode.SLIP_BACKWARD), (-30, Mode.SLIP_FORWARD)):
-        step = staircase((0.3, 0.32), (0, 0), (torque, 0), (0, 0), friction=0.18).run(START).steps[0]
+        simulator = staircase((0.3, 0.32), (0, 0), (torque, 0), (0, 0), friction=0.18)
+        step = simulator.run(START).steps[0]
         assert [arc.mode for arc in step.arcs[:2]] == [Mode.STICK, slip]
         assert step.arcs[1].start == 0.3
-
-
-def test_a_slip_that_a_jump_of_the_torque_starts_is_decided_there_and_no_switch_by_itself() -> None:
-    """The mode changes twice, but only the end of the slip is an event."""
-    simulator = staircase((0.3, 0.32), (0, 0), (30, 0), (0, 0), friction=0.18)
-    limited = Simulator(simulator.dynamics, max_switches=1)
-    step = limited.run(START).steps[0]
-    assert [mode for mode, _ in step.phases] == [Mode.STICK, Mode.SLIP_BACKWARD, Mode.STICK]
-    assert step.impact is not None
+        if slip is Mode.SLIP_BACKWARD:
+            limited = Simulator(simulator.dynamics, max_switches=1).run(START).steps[0]
+            assert [mode for mode, _ in limited.phases] == [Mode.STICK, slip, Mode.STICK]
+            assert limited.impact is not None
 
 
 @pytest.mark.parametrize(
@@ -159,10 +154,6 @@ def test_every_engine_decides_anew_at_a_breakpoint(torque, friction, mode, endin
         if is_installed():
             assert batch.times == pytest.approx([outcome.step.period] * 2, abs=1e-11)
             assert list(batch.sequence(0)) == [mode for mode, _ in outcome.step.phases]
-
-
-def test_breakpoints_beyond_the_end_of_the_step_do_no_harm() -> None:
-    assert staircase((5.0, 100.0), (0, 0), (1, 0), (2, 0)).run(START).ending is Ending.COMPLETED
 
 
 def test_a_reference_that_ends_before_touchdown_ends_the_motion() -> None:
