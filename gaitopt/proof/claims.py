@@ -23,17 +23,17 @@ from flint import arb, arb_poly
 from gaitopt.building import built_once
 from gaitopt.model.contacts import undetermined_groups
 from gaitopt.model.cycle import BREAKPOINT, Cycle
-from gaitopt.model.friction import ImpactLaw
-from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.friction import Friction, ImpactLaw
+from gaitopt.model.modes import CONTACTS, OFF, Mode
 from gaitopt.model.section import CLOCK, Section
 from gaitopt.model.section import TOUCHDOWN as TOUCHDOWN_END
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import CONE, MARGINS, contact_of, is_held, kind
+from gaitopt.model.transitions import CONE, GROUND_FORCES, MARGINS, contact_of, is_held, kind
 from gaitopt.proof.arithmetic import BallFunction, NotProved, Refuted, hull
-from gaitopt.proof.identities import dependent_contacts, is_possible, vanishes_identically
+from gaitopt.proof.identities import dependent_contacts, is_possible, modes_of_contacts, vanishes_identically
 from gaitopt.proof.law import ExactLaw
 from gaitopt.proof.orbit import CycleEnclosure, Orbit, OrbitArc
-from gaitopt.proof.taylor import TaylorStep, derivative, evaluate
+from gaitopt.proof.taylor import TaylorStep, compose, derivative, evaluate, taylor_coefficients
 
 POSITIVE, ENDS, TOUCHDOWN = "p+", "p*d+", "n*u*p+d+"
 PATTERN_WORDS = {
@@ -254,12 +254,20 @@ def _starts_phase(arcs: Sequence[OrbitArc], j: int) -> bool:
 def _starts_at_rest(system: HybridSystem, sequence: Cycle, arcs: Sequence[OrbitArc], j: int) -> bool:
     """Whether arc ``j`` starts a phase with a foot at rest that stands alone and has a mass.
 
-    Any phase does but one after an impact with slip, and a flight. Forces of several contacts are unique at all times.
+    Any phase does but one after an impact with slip, and a flight. With one coefficient, forces of several contacts are
+    unique at all times; with two, they are unless a contact begins to slip.
     """
     mode, impact = arcs[j].mode, sequence.impact_before(arcs[j].phase)
+    if not system.walker.stands_on_one():
+        return bool(_starts_phase(arcs, j) and system.friction.may_drop and _begun_slips(system, sequence, arcs[j]))
     rests = impact is None or impact.contact is Mode.STICK
-    is_alone = system.walker.stands_on_one() and not system.walker.massless_feet
-    return bool(is_alone and mode.touching and _starts_phase(arcs, j) and rests)
+    return bool(not system.walker.massless_feet and mode.touching and _starts_phase(arcs, j) and rests)
+
+
+def _begun_slips(system: HybridSystem, sequence: Cycle, arc: OrbitArc) -> set[str]:
+    """The contacts of a phase that begin to slip from rest at its start."""
+    slipping = (name for name, direction in arc.mode.directions.items() if direction)
+    return {name for name in slipping if sequence.onset_order(arc.phase, name)}
 
 
 def _margin_signs(orbit: Orbit, cycle: CycleEnclosure, j: int) -> dict[str, list[SignPart]]:
@@ -323,7 +331,10 @@ def _order_of_zero(orbit: Orbit, j: int, name: str, start: arb) -> int:
     if leaving == 3 and _jumps_when_leaving(orbit, before.mode, mode, contact):
         leaving = 2
     if what == "slip_velocity":
-        drops, (static, kinetic, _) = system.friction.may_drop, system.contact_coefficients(orbit.p)[contact]
+        drops, (static, kinetic, _) = (
+            _friction_of(system, contact).may_drop,
+            system.contact_coefficients(orbit.p)[contact],
+        )
         if drops and not static > kinetic:
             raise NotProved("static friction is not above kinetic friction: state one coefficient")
         at_edge = event == (CONE[Mode(mode.contacts[contact])], contact)
@@ -344,6 +355,11 @@ def _order_of_zero(orbit: Orbit, j: int, name: str, start: arb) -> int:
     if after_impact and not is_held(name) and orbit.section.stated and not orbit.section.is_explicit:
         return int(_is_condition(system, orbit.section, orbit.arcs[j].mode, name))
     return zeros_after_impact(system, orbit.arcs[j].mode, name) if after_impact and not is_held(name) else 0
+
+
+def _friction_of(system: HybridSystem, contact: str) -> Friction:
+    law = system.friction
+    return law if isinstance(law, Friction) else dict(law.laws)[contact]
 
 
 def _changes_alone(before: Mode, after: Mode, contact: str) -> bool:
@@ -518,6 +534,8 @@ def seconds(time: arb) -> str:
 
 def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
     """Claim 4: of all modes, only that of the arc is consistent for a foot at rest."""
+    if not orbit.system.walker.stands_on_one():
+        return _most_contacts_stick(orbit, j, y)
     arc, table = orbit.arcs[j], orbit.system.transitions
     modes = {contact: arc.mode.with_contact(contact) for contact in CONTACTS}
     margins = {
@@ -535,6 +553,48 @@ def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | No
         needed["onset"] = -cones[arc.mode.contact]
         words = "holding the foot would need a force beyond the cone, on the side of this slip alone"
     return words, _all_positive(needed)
+
+
+def _most_contacts_stick(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, None]:
+    """Claim 4 of several contacts with two coefficients: no other mode in which as many contacts stick is consistent.
+
+    Each of these modes has a force that is impossible, or accelerates a contact against its slip or into the ground.
+    Two kinds need not be examined: modes in which the same contacts begin to slip, because the forces are unique; and,
+    if the phase before ends at an edge of its cone, modes in which none does, because their forces are those of that
+    phase, whose motion would leave the cone.
+    """
+    arc, before, system = orbit.arcs[j], orbit.arcs[j - 1], orbit.system
+    begun = _begun_slips(system, orbit.sequence, arc)
+    resting = begun | {name for name in arc.mode.touching if not arc.mode.directions[name]}
+    stuck = {name for name in before.mode.touching if not before.mode.directions[name]}
+    at_edge = kind(before.event) in CONES and resting == stuck and before.mode.touching == arc.mode.touching
+    for other in modes_of_contacts(system, arc.mode):
+        slips = {name for name in resting if name in other.touching and other.directions[name]}
+        sticks = [name for name in resting if name in other.touching and not other.directions[name]]
+        moves_on = all(
+            other.contacts[name] in (arc.mode.contacts[name], OFF) for name in {*arc.mode.touching} - resting
+        )
+        if (
+            slips == begun
+            or len(sticks) < len(resting - begun)
+            or not moves_on
+            or not is_possible(system.walker, other)
+        ):
+            continue
+        if not slips and at_edge:
+            continue
+        field = orbit.field(other, j)
+        series = compose(field.margins, taylor_coefficients(field, y, 3))
+        impossible = False
+        for name, (force, rate, acceleration) in zip(system.transitions.margin_names(other), series, strict=True):
+            what, contact = kind(name), contact_of(name)
+            starts_wrongly = what == "slip_velocity" and contact in slips and rate < 0
+            sinks = what == "gap" and contact in arc.mode.touching and acceleration < 0
+            impossible |= bool((what in GROUND_FORCES and force < 0) or starts_wrongly or sinks)
+        if not impossible:
+            raise NotProved(f"{other.brief}, in which as many contacts stick, is not shown to be inconsistent")
+    words = " and ".join(sorted(begun))
+    return f"no other mode is consistent in which as many contacts stick: {words} cannot", None
 
 
 def _impact(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
@@ -555,6 +615,8 @@ def _impact(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
         falls_through = not {*landing} <= {*other.touching}
         # under the frictionless law an impact that sticks takes precedence over one that slips
         precedes = struck.sticks and system.law is ImpactLaw.FRICTIONLESS and walker.stands_on_one()
+        # with two coefficients an impact after which more contacts stick takes precedence
+        precedes |= system.friction.may_drop and not walker.stands_on_one() and _sticking(other) < _sticking(struck)
         if other.contact is not struck.contact and not falls_through and not precedes and is_possible(walker, other):
             margins = _impact_margins(orbit, other, j, y)
             # a negative regularity does not show that the impulses of this impact are none
@@ -564,6 +626,10 @@ def _impact(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
     first = " where sticking takes precedence" if struck.sticks and sticks_first else ""
     lifts = ", and the former stance foot lifts" if orbit.swaps(j) and walker.stands_on_one() else ""
     return f"{_after(orbit, struck, j)} is the only consistent impact{first}{lifts}", smallest_margin
+
+
+def _sticking(mode: Mode) -> int:
+    return sum(not mode.directions[name] for name in mode.touching)
 
 
 def _after(orbit: Orbit, struck: Mode, j: int) -> Mode:

@@ -272,7 +272,7 @@ def regularities(system: HybridSystem, mode: Mode, z: SX, p: SX) -> SX:
     """det J M^-1 G of every mode of the contacts on the ground.
 
     J are the independent constraints of a mode, and G the directions of their forces: a contact that slips has the
-    column n - s mu t.
+    column n - s mu t, with the static coefficient, which is not below the kinetic one.
     The regularity is det J M^-1 G / det J M^-1 J', whose denominator is positive. M has only positive pivots in any
     order, while those of the whole linear system may pass through zero.
     """
@@ -293,6 +293,6 @@ def regularities(system: HybridSystem, mode: Mode, z: SX, p: SX) -> SX:
         square = W[rows, rows]
         for column, (name, _) in enumerate(normal):
             (along,) = constraint_rows(system.walker, [(name, TANGENTIAL)])
-            square[:, column] -= other.directions[name] * coefficients[name][1] * W[rows, along]
+            square[:, column] -= other.directions[name] * coefficients[name][0] * W[rows, along]
         determinants.append(det(square))
     return vertcat(*determinants)

@@ -59,6 +59,8 @@ from gaitopt.proof.law import ExactLaw, exact_law, exact_piece
 from gaitopt.proof.orbit import Orbit, OrbitArc, TiltedBox
 
 NOT_COVERED = "proofs do not cover that"
+_CHOICES = {True: "sticking is chosen", False: "the mode in which the most contacts stick is chosen"}
+"""What is chosen where several modes are consistent, for a foot that stands alone and for several contacts."""
 MOST_INTERVALS = 10
 """Largest number of parameters with intervals: all corners are examined, and 2^10 of them take a few seconds."""
 LARGEST_JUMP = 1e-9
@@ -394,9 +396,6 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
     if walker.placed_contacts():
         words = "massless contacts with coordinates of their own, whose forces do not follow from accelerations"
         raise NotProved(f"{name}: a {walker.model} has {words}; {NOT_COVERED}")
-    if walker.contacts and system.friction.may_drop:
-        words = "static above kinetic friction, so that several modes are consistent where one of its contacts slips"
-        raise NotProved(f"{name}: a {walker.model} has several contacts and {words}; {NOT_COVERED}")
     if any(mode.is_named != bool(walker.contacts) for mode in problem.cycle.phases):
         raise NotProved(f"{name}: both feet are on the ground in a phase; proofs cover feet that stand alone")
     require_heights(walker)
@@ -441,8 +440,10 @@ def _parameter_texts(
     given = {**designed, **intervals}
     texts = {key: given[key] if key in given else exact(key, known[key]) for key in system.parameters}
     law = system.friction
-    if isinstance(law, Friction) and law.may_drop:
-        static, kinetic = texts[law.static], texts[law.kinetic]
+    for each in (law,) if isinstance(law, Friction) else [of_contact for _, of_contact in law.laws]:
+        static, kinetic = texts[each.static], texts[each.kinetic]
+        if not each.may_drop:
+            continue
         equal = static == kinetic and INTERVAL not in static
         if not equal and not ball(kinetic) <= ball(static):
             raise ValueError(f"kinetic friction, {kinetic}, may be above static friction, {static}")
@@ -584,7 +585,7 @@ def _hypotheses(
         "changed": dict(_changes("", source)),
         "walker": problem.walker.model,
         "walker_data": _provenance(problem, system),
-        "friction": "static and kinetic; sticking is chosen where both are consistent"
+        "friction": f"static and kinetic; {_CHOICES[problem.walker.stands_on_one()]} where several are consistent"
         if system.friction.may_drop
         else "coulomb",
         "impact_law": str(problem.impact_law),

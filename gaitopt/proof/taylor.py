@@ -219,7 +219,7 @@ class TaylorStep:
         The last coefficient of each is a ball that covers the remainder.
         """
         start = [list(map(hull, c)) for c in self.start]
-        pairs = zip(_compose(function, start), _compose(function, self.remainder), strict=True)
+        pairs = zip(compose(function, start), compose(function, self.remainder), strict=True)
         return [[*known[: self.order], later[self.order]] for known, later in pairs]
 
 
@@ -269,7 +269,7 @@ def taylor_coefficients(field: VectorField, start: Sequence[Number], count: int)
     """F_0, ..., F_(count - 1) of each state, by the recursion (k + 1) F_(k+1) = (F o y)_k."""
     coefficients = [[y] for y in start]
     for k in range(count - 1):
-        for c, rate in zip(coefficients, _compose(field.rate, coefficients), strict=True):
+        for c, rate in zip(coefficients, compose(field.rate, coefficients), strict=True):
             c.append(rate[k] / (k + 1))
     return coefficients
 
@@ -289,7 +289,7 @@ def derivative(coefficients: Sequence[Number]) -> list[Number]:
 
 def _matrices(field: VectorField, motion: list[list[Number]]) -> list[Matrix]:
     """Taylor coefficients of the Jacobian DF along a motion."""
-    n, entries = field.n, _compose(field.jacobian, motion)
+    n, entries = field.n, compose(field.jacobian, motion)
     return [matrix(n, [entries[i + n * j][k] for i in range(n) for j in range(n)]) for k in range(len(entries[0]))]
 
 
@@ -305,7 +305,7 @@ def _variations(slopes: list[Matrix], order: int) -> list[Matrix]:
     return phi
 
 
-def _compose(function: BallFunction, motion: list[list[Number]]) -> list[list[Number]]:
+def compose(function: BallFunction, motion: list[list[Number]]) -> list[list[Number]]:
     """Taylor coefficients of the outputs of a function along a motion, as many as the motion has.
 
     Raises
