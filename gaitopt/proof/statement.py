@@ -59,7 +59,10 @@ from gaitopt.proof.law import ExactLaw, exact_law, exact_piece
 from gaitopt.proof.orbit import Orbit, OrbitArc, TiltedBox
 
 NOT_COVERED = "proofs do not cover that"
-_CHOICES = {True: "sticking is chosen", False: "the mode in which the most contacts stick is chosen"}
+_CHOICES = {
+    True: "sticking is chosen where both are consistent",
+    False: "the mode in which the most contacts stick is chosen where several are consistent",
+}
 """What is chosen where several modes are consistent, for a foot that stands alone and for several contacts."""
 MOST_INTERVALS = 10
 """Largest number of parameters with intervals: all corners are examined, and 2^10 of them take a few seconds."""
@@ -585,7 +588,7 @@ def _hypotheses(
         "changed": dict(_changes("", source)),
         "walker": problem.walker.model,
         "walker_data": _provenance(problem, system),
-        "friction": f"static and kinetic; {_CHOICES[problem.walker.stands_on_one()]} where several are consistent"
+        "friction": f"static and kinetic; {_CHOICES[problem.walker.stands_on_one()]}"
         if system.friction.may_drop
         else "coulomb",
         "impact_law": str(problem.impact_law),
