@@ -189,7 +189,7 @@ def test_the_guess_survives_its_record_and_a_known_state_replaces_it():
         ("{step_length: 0.4}", "gait.guess.duration: is missing"),
         ("{duration: 0.7}", "gait.guess.step_length: is missing; or give postures, or a state"),
         ("{step_length: 0.4, duration: 0.7, state: {theta1: 0}}", "gait.guess.state: unknown key"),
-        ("{step_length: 0.4, duration: 0.7, postures: [{theta1: 0}, {theta1: 0}]}", "exclude each other"),
+        ("{step_length: 1, duration: 1, postures: [{theta1: 0, theta2: 0}, {theta1: 0, theta2: 0}]}", "exclude each"),
         ("{duration: 0.7, postures: [{theta1: 0.1, theta2: 0.1}, {theta1: 0, theta2: 0}]}", "have crossed feet"),
         ("{duration: 0.7, postures: [{theta1: 0.1}, {theta1: 0, theta2: 0}]}", "gait.guess.postures[0]: lacks theta2"),
         ("{duration: 1, postures: [{knee: 0, theta1: -1, theta2: -1}, {theta1: 0, theta2: 0}]}", "is not a shape"),
