@@ -24,7 +24,7 @@ import numpy as np
 from casadi import SX, Function, densify, depends_on, det, is_equal, ldl, ldl_solve, reshape, symvar, vertcat, vertsplit
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
-from gaitopt.building import built_once
+from gaitopt.building import building, built_once
 from gaitopt.model.contacts import (
     LARGEST_REMAINDER,
     LOCKED,
@@ -208,6 +208,7 @@ def require_heights(walker: type[Walker]) -> None:
             raise NotProved(f"{walker.model}: the gap of {name} is not its height; proofs do not cover that")
 
 
+@building
 def require_same_everywhere(walker: type[Walker], section: Section) -> None:
     """Require that the conditions for which a section is solved hold wherever the walker is: x returns to zero.
 
