@@ -22,7 +22,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr,
 from gaitopt.arrays import Array
 
 LARGEST_GAIN = 1e9
-"""Upper bound of the size of an entry of K; larger ones are mistakes."""
+"""Largest size of an entry of K that is accepted: a larger one is a mistake."""
 Gain = Annotated[float, Field(ge=-LARGEST_GAIN, le=LARGEST_GAIN, allow_inf_nan=False)]
 Weight = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Numbers = Mapping[tuple[str, str], float]
@@ -72,7 +72,7 @@ class FeedbackDesign(BaseModel):
         return {data: {}} if isinstance(data, str) else data
 
     @model_validator(mode="after")
-    def _one(self) -> Self:
+    def _exactly_one(self) -> Self:
         if sum(value is not None for _, value in self) != 1:
             raise ValueError("give one of lqr, deadbeat, minimum_radius")
         return self
@@ -85,8 +85,8 @@ def _nested(value: Any) -> Any:
     nested: dict[str, Any] = {}
     for key, below in value.items():
         level, (*above, last) = nested, str(key).split(".")
-        for part in above:
-            level = level.setdefault(part, {})
+        for name in above:
+            level = level.setdefault(name, {})
         entry = below if _is_free(below) else _nested(below)
         level[last] = (
             {**level[last], **entry} if isinstance(level.get(last), dict) and isinstance(entry, dict) else entry
@@ -114,9 +114,9 @@ def _checked(nested: Any) -> Any:
     if not [*_entries(nested)]:
         raise ValueError("has no entry; give those that are not zero: {control.hip: {theta1: 0.1}}")
     for (key, name), value in _entries(nested):
-        words = f"{key}.{name}" if key else name
+        entry = f"{key}.{name}" if key else name
         if not key:
-            raise ValueError(f"{words}: give the gains of a parameter by coordinate: {{control.hip: {{theta1: 0.1}}}}")
+            raise ValueError(f"{entry}: give the gains of a parameter by coordinate: {{control.hip: {{theta1: 0.1}}}}")
         numbers = (*value.get("free", ()), value.get("guess")) if _is_free(value) else (value,)
         right = all(isinstance(n, int | float) and not isinstance(n, bool) and abs(n) <= LARGEST_GAIN for n in numbers)
         if _is_free(value) and right:
@@ -124,7 +124,7 @@ def _checked(nested: Any) -> Any:
             right = right and numbers[0] < numbers[1]
         if not right:
             raise ValueError(
-                f"{words} is {value}, but must be a number from {-LARGEST_GAIN:g} to {LARGEST_GAIN:g}, or an unknown "
+                f"{entry} is {value}, but must be a number from {-LARGEST_GAIN:g} to {LARGEST_GAIN:g}, or an unknown "
                 "such as {free: [-1, 1], guess: 0} with its guess between its bounds"
             )
     return nested
@@ -273,13 +273,13 @@ class Correction:
     """
 
     def __init__(self, feedback: StepFeedback, parameters: tuple[str, ...], states: tuple[str, ...]) -> None:
-        known, place = feedback.known, {name: k for k, name in enumerate(parameters)}
+        known, index = feedback.known, {name: k for k, name in enumerate(parameters)}
         self.keys, self.every = known.keys, known.every
         self._size = len(parameters)
-        self.of_u = [place[key] for key in known.keys]
-        self.of_K = np.array([[place[f"control.{_gain_key(key, name)}"] for name in known.names] for key in known.keys])
+        self.of_u = [index[key] for key in known.keys]
+        self.of_K = np.array([[index[f"control.{_gain_key(key, name)}"] for name in known.names] for key in known.keys])
         self.of_K = self.of_K.reshape(len(known.keys), len(known.names))
-        self._of_xi = [place[f"control.{PREFIX}state.{name}"] for name in known.names]
+        self._of_xi = [index[f"control.{PREFIX}state.{name}"] for name in known.names]
         self.indices = [states.index(name) for name in known.names]
         limits = feedback.limits or {}
         self._lower = np.array([limits.get(key, (-np.inf, np.inf))[0] for key in known.keys])
@@ -294,13 +294,13 @@ class Correction:
         return full
 
     def symbolic(self, p: Any, z: Any) -> Any:
-        """The same for CasADi columns."""
+        """The corrected parameters as a CasADi column."""
         full = (MX if isinstance(p, MX) else SX)(p)
         deviation = z[self.indices] - p[self._of_xi]
         for k, (entry, row) in enumerate(zip(self.of_u, self.of_K.tolist(), strict=True)):
             u = p[entry]
-            for j, place in enumerate(row):
-                u = u + p[place] * deviation[j]
+            for j, gain in enumerate(row):
+                u = u + p[gain] * deviation[j]
             u = u if self._lower[k] == -np.inf else fmax(u, self._lower[k])
             full[entry] = u if self._upper[k] == np.inf else fmin(u, self._upper[k])
         return full

@@ -15,6 +15,7 @@ for the whole range, the range grows from the problem's own value on both sides 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from math import inf
 
 import numpy as np
@@ -50,13 +51,13 @@ MAX_ROUNDS = 20
 MAX_SEQUENCES = 12
 """Largest number of combinations of mode sequences that one design tries."""
 SMALLEST_GROWTH = 1 / 64
-"""The range is the widest one if it cannot grow by this part of its difference to the whole range."""
+"""A range is the widest one if no control is found after it has grown by this fraction of the whole growth."""
 BEFORE_END = 0.05
-"""Distance of a scenario from the end of a family, as a part of the distance of the end from the own value."""
+"""Distance of a scenario from the end of a family, as a fraction of the distance of the end from the own value."""
 ACROSS = (1e-3, 1e-2, 1e-1)
-"""Parts of a freed parameter's size by which it crosses the margin of a mode sequence, tried in turn."""
+"""Fractions of its typical size by which a freed parameter crosses the margin of a mode sequence, tried in turn."""
 SAME_VALUE = 1e-9
-"""Values of the parameter that are closer than this part of the range are the same."""
+"""Values of the parameter are the same if their distance is below this fraction of the width of the range."""
 
 
 def design_over(
@@ -71,7 +72,7 @@ def design_over(
     """The gait at the problem's own value of the best control over the range ``problem.over``; see ``search.solve``.
 
     ``gait.over`` describes the gaits along the range. If there is no control for so wide a range, the status is
-    ``infeasible``, and ``gait.over.widest`` the range that was reached.
+    ``infeasible``, and ``gait.over.widest`` is the widest range for which there is one.
     """
     over, began = problem.over, time.perf_counter()
     assert over is not None
@@ -144,20 +145,20 @@ class _Search:
 
     def run(self) -> Gait:
         """The design over the whole range, or a failed attempt that says how far the range could grow."""
-        known, reached, growth = _Control(own=self._single, values=(self._own,)), 0.0, 1.0
+        known, share, growth = _Control(own=self._single, values=(self._own,)), 0.0, 1.0
         family: _Family | None = None
         reason = ""
-        while reached < 1:
-            part = min(reached + growth, 1.0)
-            found = self._designed(known, part)
+        while share < 1:
+            wider = min(share + growth, 1.0)
+            found = self._designed(known, wider)
             if self._interrupted:
                 return self._failed(known, Status.INTERRUPTED, "interrupted")
             if isinstance(found, str):
                 reason, growth = found, growth / 2
                 if growth < SMALLEST_GROWTH:
-                    return self._too_wide(known, reached, reason)
+                    return self._too_wide(known, share, reason)
                 continue
-            (known, family), reached = found, part
+            (known, family), share = found, wider
         assert family is not None
         optimum = known.optimum
         if optimum is not None and optimum.shortcoming:
@@ -176,14 +177,14 @@ class _Search:
     def _interrupted(self) -> bool:
         return self._should_stop is not None and self._should_stop()
 
-    def _target(self, part: float) -> tuple[float, float]:
-        """The range that has grown to this part of the whole one."""
-        low, high = (self._own + part * (end - self._own) for end in (self._over.lower, self._over.upper))
-        return (self._over.lower, self._over.upper) if part >= 1 else (low, high)
+    def _target(self, share: float) -> tuple[float, float]:
+        """The range that has grown from the own value by this fraction of the whole growth."""
+        low, high = (self._own + share * (end - self._own) for end in (self._over.lower, self._over.upper))
+        return (self._over.lower, self._over.upper) if share >= 1 else (low, high)
 
-    def _designed(self, known: _Control, part: float) -> tuple[_Control, _Family] | str:
-        """The control for a part of the range and its gaits there; the reason in words if none is found."""
-        target = self._target(part)
+    def _designed(self, known: _Control, share: float) -> tuple[_Control, _Family] | str:
+        """The control for a narrower range and its gaits there, or the sentence that says why none is found."""
+        target = self._target(share)
         control = _Control(own=known.own, values=(self._own,))
         for _ in range(MAX_ROUNDS):
             family = self._followed(control.own, target)
@@ -197,10 +198,10 @@ class _Search:
             optimum = self._optimum(family, values, target)
             if optimum is None or not optimum.feasible:
                 where = ", ".join(f"{value:g}" for value in sorted(values))
-                words = "a gait is lost" if optimum is None else str(optimum.shortcoming)
+                shortcoming = "a gait is lost" if optimum is None else str(optimum.shortcoming)
                 if optimum is not None and any(edge.scenario == 0 for edge in optimum.edges):
-                    words += f", at the end of the mode sequence that is stated for {self._own:g}"
-                return f"no control meets all constraints at {self._over.key} = {where}: {words}"
+                    shortcoming += f", at the end of the mode sequence that is stated for {self._own:g}"
+                return f"no control meets all constraints at {self._over.key} = {where}: {shortcoming}"
             control = _Control(own=optimum.own, values=values, optimum=optimum, complete=complete)
         return f"scenarios were added {MAX_ROUNDS} times, and constraints between them are still violated"
 
@@ -228,18 +229,18 @@ class _Search:
         improved = best is not None
         while best is not None and improved and len(tried) < MAX_SEQUENCES and not self._interrupted:
             improved = False
-            for edge, part in ((edge, part) for edge in best.edges if edge.scenario for part in ACROSS):
-                beyond = self._beyond(best.own, edge, part)
+            for edge, fraction in product((edge for edge in best.edges if edge.scenario), ACROSS):
+                beyond = self._beyond(best.own, edge, fraction)
                 other = None if beyond is None else designed(self._followed(beyond, target))
                 if other is not None and other.is_better(best):
                     best, improved = other, True
                     break
         return best
 
-    def _beyond(self, own: Gait, edge: Edge, part: float) -> Gait | None:
+    def _beyond(self, own: Gait, edge: Edge, fraction: float) -> Gait | None:
         """The gait at the own value with a freed parameter beyond an edge; None if there is none."""
         try:
-            return self._at(own, edge.key, own.dynamics.parameter(edge.key) + part * edge.change)
+            return self._at(own, edge.key, own.dynamics.parameter(edge.key) + fraction * edge.change)
         except (ProblemError, SolveError):  # beyond the bounds of the parameter, or Newton's method fails
             return None
 
@@ -265,8 +266,8 @@ class _Search:
                 shares[self._nearest(values, node)] += weight
             return [*shares.values()]
         at = self._own if self._over.at is None or len(values) == 1 else float(np.clip(self._over.at, *target))
-        place = self._nearest(values, at)
-        return [float(value == place) for value in values]
+        chosen = self._nearest(values, at)
+        return [float(value == chosen) for value in values]
 
     def _nearest(self, values: Sequence[float], value: float) -> float:
         return min(values, key=lambda each: abs(each - value))
@@ -277,7 +278,7 @@ class _Search:
         return None if point is None else point.gait
 
     def _point(self, gait: Gait, key: str, value: float) -> CurvePoint | None:
-        """The same on its curve."""
+        """The same gait as a point of its curve."""
         known = gait.dynamics.parameter(key)
         metric = Metric.of(gait, abs(value - known) or self._width)
         point = first_point(gait, key, metric, float(np.sign(value - known)) or 1.0)
@@ -380,18 +381,18 @@ class _Search:
             points=points,
         )
 
-    def _too_wide(self, known: _Control, reached: float, reason: str) -> Gait:
-        """The failed attempt that states the widest range for which a control was found."""
-        key, widest = self._over.key, self._target(reached)
+    def _too_wide(self, known: _Control, share: float, reason: str) -> Gait:
+        """The failed attempt that states the widest range for which a control was found; see ``_target``."""
+        key, widest = self._over.key, self._target(share)
         words = f"no control was found for {key} from {self._over.lower:g} to {self._over.upper:g}"
         found = f"the widest range with one is {widest[0]:.6g} to {widest[1]:.6g}"
-        words += f"; {found if reached else f'there is one for {self._own:g} alone'}. Beyond it, {reason}"
+        words += f"; {found if share else f'there is one for {self._own:g} alone'}. Beyond it, {reason}"
         cause = Cause(what=self._over.key, words=words, needed=self._width, available=widest[1] - widest[0])
         gait = self._failed(known, Status.INFEASIBLE, words)
         return replace(gait, causes=(cause,), over=replace(_described(self._over, self._own), widest=widest))
 
     def _failed(self, known: _Control, status: Status, message: str) -> Gait:
-        """A failed design, which records the control that it has reached."""
+        """The failed attempt that records the last control."""
         own = known.own
         durations = np.array([duration for _, duration in own.phases])
         return Gait(

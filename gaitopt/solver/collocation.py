@@ -142,7 +142,7 @@ class Collocation:
         self.mesh, self.points, self.goals = mesh, shared.points, structure.goals
         self.slices, self.n_x, self.n_states = shared.slices, shared.n_x, shared.points.n_states
         self.phase_starts, self.phase_ends = shared.points.phase_starts, shared.points.phase_ends
-        self.program, self.row_names, self.row_places = shared.program, shared.row_names, shared.row_places
+        self.program, self.row_names, self.row_labels = shared.program, shared.row_names, shared.row_labels
         self.lbg, self.ubg = shared.lbg.copy(), shared.ubg.copy()
         self._added: tuple[Function, ...] = ()
         names = np.array(self.row_names)
@@ -162,7 +162,7 @@ class Collocation:
         """
         states = np.arange(self.system.n_z * (self.n_states - len(self.places)))
         defining = [name in ("defect", "reset", EVENT) for name in self.row_names]
-        closing = [name == "reset" and at.phase == 0 for name, at in zip(self.row_names, self.row_places, strict=True)]
+        closing = [name == "reset" and at.phase == 0 for name, at in zip(self.row_names, self.row_labels, strict=True)]
         return np.append(states, self.columns("durations")), np.flatnonzero(defining), np.flatnonzero(closing)
 
     @building
@@ -179,7 +179,7 @@ class Collocation:
         self._added = rows, curvature  # callbacks of Python must outlive the program
         self.lbg, self.ubg = np.append(self.lbg, np.zeros(count)), np.append(self.ubg, np.full(count, np.inf))
         self.row_names = (*self.row_names, *[name] * count)
-        self.row_places = (*self.row_places, *[Label(name="")] * count)
+        self.row_labels = (*self.row_labels, *[Label(name="")] * count)
         x, p, weight, multipliers = plain.x, plain.p, MX.sym("w"), MX.sym("l", self.lbg.size)
         g, slope = plain.derivatives["jac_g"](x, p)
         added = rows(x, p)
@@ -232,7 +232,7 @@ class Collocation:
     def g_labels(self) -> tuple[Label, ...]:
         """Meaning of each row, in the order of the program."""
         names, labels, run = self.system.state_names, list[Label](), 0
-        for name, label in zip(self.row_names, self.row_places, strict=True):
+        for name, label in zip(self.row_names, self.row_labels, strict=True):
             coordinate = ""
             run = run + 1 if labels and name == labels[-1].name else 0
             if name == EVENT:
@@ -361,7 +361,7 @@ class Collocation:
         n, bounds, rows = self.system.n_z, np.zeros(self.n_x), np.zeros(self.lbg.size)
         kept = np.ones(self.n_x, dtype=bool)
         kept[n * before.n_states : n * self.n_states] = False
-        added = np.array([at.node is not None and at.node >= before.n_states for at in self.row_places])
+        added = np.array([at.node is not None and at.node >= before.n_states for at in self.row_labels])
         bounds[kept] = result.bound_multipliers
         rows[np.flatnonzero(~added)[: result.multipliers.size]] = result.multipliers  # rows may have been added
         return bounds, rows
@@ -482,7 +482,7 @@ class Collocation:
         """
         sums = dict[str, float]()
         limits = np.where(multipliers > 0, self.ubg, self.lbg).tolist()
-        for name, at, value, limit in zip(self.row_names, self.row_places, multipliers.tolist(), limits, strict=True):
+        for name, at, value, limit in zip(self.row_names, self.row_labels, multipliers.tolist(), limits, strict=True):
             if name not in STRUCTURAL:
                 is_margin = at.mode is not None and name not in self.problem.constraints
                 unit = abs(limit) / (SMALLEST_MARGIN if is_margin else 1.0) or 1.0
@@ -510,7 +510,7 @@ class Collocation:
         name, bound = self.row_names[k], float(np.clip(g[k], self.lbg[k], self.ubg[k]))
         if not violation[k] > SMALLEST_MARGIN:
             return []
-        if self.row_places[k].mode is not None and name not in self.problem.constraints:
+        if self.row_labels[k].mode is not None and name not in self.problem.constraints:
             bound = 0.0  # without the room for the error of the collocation
         side = "at least" if g[k] < bound else "at most"
         words = f"{name.replace('_', ' ')} is {g[k]:.4g}, must be {side} {bound:.4g}"

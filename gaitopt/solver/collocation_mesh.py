@@ -6,7 +6,7 @@ the phases and the duration T of the law, which is the mean duration of a step:
     t_start, t_end = coefficients . (1, d, T)            t_j = t_start + c_j (t_end - t_start)
 
 Each interval has its state at the start, which ends the interval before it unless there is an impact between them, and
-its states at the Radau points c_j. States at further places are interpolated.
+its states at the Radau points c_j. States at fractions of an interval between these points are interpolated.
 """
 
 from dataclasses import dataclass, field
@@ -21,12 +21,12 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.open_loop import OpenLoop, Order
 
 DEGREE = 5
-"""Radau points of an interval; the states at its end are then of order 9."""
+"""Number of Radau points of an interval, by which the states at its end have order 9."""
 INTERVALS = 20
 """Smallest number of intervals of a step."""
 
 Places = tuple[tuple[int, float], ...]
-"""Places between the points: number of the interval, and fraction of it."""
+"""Positions of further points between the Radau points: number of the interval, and fraction of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CollocationMesh:
-    """All that determines the points of a cycle; equal meshes have equal programs.
+    """The intervals of a cycle and the positions of their points. Equal meshes have equal programs.
 
     Attributes
     ----------
@@ -180,12 +180,12 @@ class Points(ReadOnlyArrays):
     def interpolated(self, states: Array, durations: Array, phase: int, times: Array) -> Array:
         """States of the polynomials through ``states`` in a phase, at times since the impact, shape (n, n_z)."""
         at = affine(durations, len(self.mesh.cycle.steps))
-        mine = np.flatnonzero([interval.phase == phase for interval in self.mesh.intervals])
-        starts, ends = self._starts[mine] @ at, self._ends[mine] @ at
+        of_phase = np.flatnonzero([interval.phase == phase for interval in self.mesh.intervals])
+        starts, ends = self._starts[of_phase] @ at, self._ends[of_phase] @ at
         found = np.maximum(np.searchsorted(starts, times, side="right") - 1, 0)
         weights = basis(self.mesh.degree, (times - starts[found]) / (ends[found] - starts[found]))
-        own = np.array([self.of_interval(k) for k in mine.tolist()])
-        return np.einsum("nk,nkz->nz", weights, states[own[found]])
+        stored = np.array([self.of_interval(k) for k in of_phase.tolist()])
+        return np.einsum("nk,nkz->nz", weights, states[stored[found]])
 
 
 def points_of(mesh: CollocationMesh) -> Points:

@@ -42,8 +42,7 @@ from gaitopt.solver.shooting import Label
 from gaitopt.threads import cached_property
 
 SMALLEST_MARGIN = 1e-7
-"""Smallest value of margins in natural units: larger than the error of the collocation, but too small to matter in a
-measurement."""
+"""Lower bound of margins in natural units. It exceeds the error of the collocation, but none of a measurement."""
 EVENT, DURATION = "event", "duration of the law"
 """Names of the rows that end phases, and of the row that gives the control law its duration."""
 
@@ -77,7 +76,7 @@ class _Rows:
 
     def __init__(self) -> None:
         self.lower, self.upper, self.names = list[float](), list[float](), list[str]()
-        self.at, self.places = Label(name=""), list[Label]()  # label of the next rows, and labels of all rows
+        self.at, self.labels = Label(name=""), list[Label]()  # label of the next rows, and labels of all rows
         self._entries = list[tuple[Array, ...]]()
 
     def new(self, count: int, name: str, low: float = 0.0, high: float = 0.0) -> list[int]:
@@ -86,7 +85,7 @@ class _Rows:
         self.lower += [low] * count
         self.upper += [high] * count
         self.names += [name] * count
-        self.places += [self.at] * count
+        self.labels += [self.at] * count
         return [*range(first, first + count)]
 
     def linear(self, rows: ArrayLike, columns: ArrayLike, values: ArrayLike) -> None:
@@ -102,7 +101,7 @@ class _Rows:
 
 
 class Transcription:
-    """The program of one structure. Call ``transcription``, which builds it once.
+    """The program of one structure. It is made by ``transcription``, which builds it once.
 
     Attributes
     ----------
@@ -114,7 +113,7 @@ class Transcription:
     program : functions of unknowns and parameters.
     values : (x, p) -> rows.
     lbg, ubg : bounds of the rows; a row that has a range in the problem has no bounds here.
-    row_names, row_places : names of the rows, and labels with their phases and nodes.
+    row_names, row_labels : names of the rows, and labels with their phases and nodes.
     """
 
     def __init__(self, structure: Structure) -> None:
@@ -141,7 +140,7 @@ class Transcription:
         rows = _Rows()
         elements = self._elements(rows)
         self.lbg, self.ubg, self.row_names = np.array(rows.lower), np.array(rows.upper), tuple(rows.names)
-        self.row_places = tuple(rows.places)
+        self.row_labels = tuple(rows.labels)
         self.program = assembled(elements, rows.matrix(self.n_x), len(self._system.parameters))
         inputs = [self.program.x, self.program.p]
         self.values = BufferedFunction(BUILT.watch(Function("rows", inputs, [self.program.g])))
@@ -203,7 +202,7 @@ class Transcription:
         return tuple((mode, cycle.step_of(phase) % legs) for phase, mode in enumerate(cycle.phases))
 
     def point_function(self, variant: tuple[Mode, int], *, dynamic: bool) -> Function:
-        """The function of the points of one of the ``variants``."""
+        """The function of the collocation points, or of the other points, of one of the ``variants``."""
         structure, cycle = self.structure, self._mesh.cycle
         return point_function(
             PointKey(
@@ -278,7 +277,7 @@ class Transcription:
         if not mine:
             return None
         n_powers, tail, limits = self.n_powers if dynamic else 0, self.tail, dict[tuple[int, bool, bool], _Limits]()
-        columns, places, defining, interpolated = list[list[int]](), list[list[int]](), list[list[int]](), list[Point]()
+        columns, g_rows, defining, interpolated = list[list[int]](), list[list[int]](), list[list[int]](), list[Point]()
         for pt in mine:
             interval = mesh.intervals[pt.interval]
             of_point = [*range(n * pt.state, n * pt.state + n), *self.value_columns(interval.segment)]
@@ -299,7 +298,7 @@ class Transcription:
                 limits[ends] = list(self._limits(mode, pt))
             of_limits = [number for limit in limits[ends] for number in rows.new(*limit)]
             of_limits += rows.new(2 * n_powers, POWER, 0.0, np.inf)
-            places.append([*own, *of_limits, *(integrals if dynamic else [])])
+            g_rows.append([*own, *of_limits, *(integrals if dynamic else [])])
         rows.at = Label(name="")
 
         weights = np.zeros(len(mine))
@@ -316,7 +315,7 @@ class Transcription:
         return Elements(
             function=self.point_function(variant, dynamic=dynamic),
             columns=np.array(columns),
-            rows=np.array(places),
+            rows=np.array(g_rows),
             constants=self.constants(mine, weights),
         )
 

@@ -28,9 +28,9 @@ from gaitopt.problem.faults import nearest_keys
 from gaitopt.solver.assembly import solution_of
 
 NEGLIGIBLE = 1e-9
-"""A direction belongs to a subspace if its singular value, relative to the largest one, exceeds this number."""
+"""A direction belongs to a subspace if its singular value exceeds this fraction of the largest one."""
 NILPOTENT = 1e-6
-"""Largest entry of (A + B K)^n, relative to that of A, that is attributed to rounding."""
+"""Deadbeat control may leave entries of (A + B K)^n of this size, relative to those of A, by rounding."""
 STARTS, SEED = 24, 1
 """Number of starting gains that the search for the smallest radius compares, and its random seed."""
 
@@ -129,8 +129,8 @@ def lqr_gains(name: str, map_: ReturnMapDerivatives, weights: Lqr) -> Array:
         return _regulator(A, B, Q, R)
     except np.linalg.LinAlgError:
         fixed = _fixed_multiplier(A, B)
-        words = f"the multiplier {fixed:.4g} cannot be moved by {', '.join(map_.keys)}"
-        raise SolveError(f"{name}: step_feedback.design.lqr finds no stabilising gains: {words}") from None
+        reason = f"the multiplier {fixed:.4g} cannot be moved by {', '.join(map_.keys)}"
+        raise SolveError(f"{name}: step_feedback.design.lqr finds no stabilising gains: {reason}") from None
 
 
 def _regulator(A: Array, B: Array, Q: Array, R: Array) -> Array:
@@ -166,16 +166,16 @@ def deadbeat_gains(name: str, A: Array, B: Array) -> Array:
 
 
 def smallest_radius_gains(A: Array, B: Array, units: Array, design: MinimumRadius) -> Array:
-    """Gains with a small spectral radius, |K_ij| <= max_gain: the best of seeded local searches."""
+    """The gains of the smallest spectral radius that seeded local searches find, with |K_ij| <= max_gain."""
     from scipy.optimize import minimize
 
-    (n, m), most, random = B.shape, design.max_gain, np.random.default_rng(SEED)
+    (n, m), bound, random = B.shape, design.max_gain, np.random.default_rng(SEED)
 
     def radius(entries: Array) -> float:
         return float(np.abs(np.linalg.eigvals(A + B @ entries.reshape(m, n))).max())
 
     def clipped(K: Array) -> Array:
-        return np.clip(K, -most, most).ravel()
+        return np.clip(K, -bound, bound).ravel()
 
     starts = [np.zeros(m * n)]
     for weight in 10.0 ** np.arange(-6.0, 3.0, 2.0):
@@ -186,7 +186,7 @@ def smallest_radius_gains(A: Array, B: Array, units: Array, design: MinimumRadiu
     while len(starts) < STARTS:
         best = min(starts, key=radius)
         starts.append(clipped(best * random.uniform(0.3, 2.0, m * n) + random.normal(0, 0.05, m * n)))
-    bounds = [(-most, most)] * (m * n)
+    bounds = [(-bound, bound)] * (m * n)
     found = []
     for start in sorted(starts, key=radius)[: STARTS // 4]:
         end = start
