@@ -40,7 +40,6 @@ class ClosedCompass(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """The mechanism of the compass."""
         return CompassBiped.mechanism(q, p)
 
 

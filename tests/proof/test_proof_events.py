@@ -189,7 +189,6 @@ class SineCompass(CompassBiped):
 
     @classmethod
     def links(cls, q, p):
-        """The links of the compass."""
         return super().links(q, p)
 
 

@@ -119,7 +119,6 @@ class Latched(Sledge):
 
     @classmethod
     def mechanism(cls, q, p):
-        """The mechanism with a stop."""
         return replace(super().mechanism(q, p), stops={"latch": q.gap})
 
 
@@ -132,7 +131,6 @@ class Twin(Sledge):
 
     @classmethod
     def mechanism(cls, q, p):
-        """The mechanism with another contact."""
         mechanism = super().mechanism(q, p)
         nose = mechanism.contacts["front"].position + 0.1 * vertcat(cos(q.pitch), -sin(q.pitch))
         return replace(

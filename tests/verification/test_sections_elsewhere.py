@@ -64,7 +64,6 @@ class HipClock(Control):
 
     @property
     def period(self) -> float:
-        """The period of the clock."""
         return self.cycle
 
     def torques(self, now: Instant) -> dict[str, SX]:
@@ -96,7 +95,6 @@ class MidHeelToe(HeelToe):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """The mechanism of the walker."""
         return replace(super().mechanism(q, p), sections={"middle": lambda dq: 0.1 - q.theta1})
 
 
