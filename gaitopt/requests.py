@@ -177,6 +177,8 @@ class Entry:
             if not value:
                 raise ArgumentError(self.name, "is empty, but must have at least one value")
             return tuple(map(self._number, value))
+        if self.kind is str and not isinstance(value, str):
+            raise ArgumentError(self.name, f"is {_shown(value)}, but must be a text")
         return self._number(value) if self.kind in TYPE_NAMES else value
 
     def _number(self, value: Any) -> Any:
@@ -185,11 +187,14 @@ class Entry:
         abstract: Any = {int: Integral, float: Real, bool: bool}[kind]
         right = isinstance(value, abstract) and isinstance(value, bool) == (kind is bool) and math.isfinite(value)
         if not right or (least is not None and value < least) or (most is not None and value > most):
-            shown = repr(value)
-            shown = shown if len(shown) <= LONGEST_SHOWN else f"{shown[: LONGEST_SHOWN - 3]}..."
             allowed = f"{TYPE_NAMES[kind]}, {span}" if span else TYPE_NAMES[kind]
-            raise ArgumentError(self.name, f"is {shown}, but must be {allowed}")
+            raise ArgumentError(self.name, f"is {_shown(value)}, but must be {allowed}")
         return kind(value)
+
+
+def _shown(value: Any) -> str:
+    shown = repr(value)
+    return shown if len(shown) <= LONGEST_SHOWN else f"{shown[: LONGEST_SHOWN - 3]}..."
 
 
 def choice(kind: type[Choice], word: str) -> Choice:

@@ -12,16 +12,16 @@ of control laws are those of the nominal floor.
 import csv
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.errors import ProblemError
+from gaitopt.errors import ArgumentError, ProblemError
 from gaitopt.problem.faults import shown
 
 Coefficients: TypeAlias = float | tuple[float, float]
@@ -80,6 +80,8 @@ class Floor:
     def __post_init__(self) -> None:
         for name in QUANTITIES:
             given = getattr(self, name)
+            if isinstance(given, str) or not isinstance(given, Iterable | Real):
+                raise ProblemError(f"floor.{name}: {shown(given)} is neither a number nor a list of numbers")
             values = (given,) if isinstance(given, Real) else tuple(given)
             object.__setattr__(self, name, tuple(_checked(name, k, value) for k, value in enumerate(values)))
         if not len(self):
@@ -154,8 +156,11 @@ class Floor:
         Raises
         ------
         ProblemError
-            If the text states no distribution.
+            If the text states no distribution, or a number is not a whole one or too small.
         """
+        for name, number, least in (("tiles", tiles, 1), ("seed", seed, 0), ("walk", walk, 0)):
+            if not isinstance(number, Integral) or number < least:
+                raise ArgumentError(name, f"is {shown(number)}, but must be a whole number, at least {least}")
         return RandomFloor.parse(spreads, seed).draw(tiles, walk)
 
     @classmethod
@@ -319,6 +324,8 @@ def _spread(name: str, low: float | None, high: float | None, mean: float | None
 
 def _entries(text: str) -> Iterator[tuple[str, str]]:
     """The entries of a text, each with its quantity; an entry without a name belongs to the quantity before it."""
+    if not isinstance(text, str):
+        raise ProblemError(f"floor: {shown(text)} is not a text such as friction=0.2, 0.13x2, 0.2")
     name, pieces = "", [piece.strip() for piece in re.split(r"[,;](?![^(]*\))", text)]  # not within parentheses
     if not any(pieces):
         raise ProblemError("floor: is empty; write for instance friction=0.2, 0.13x2, 0.2")
