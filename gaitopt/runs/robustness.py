@@ -16,16 +16,16 @@ import numpy as np
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.display import Reported
-from gaitopt.errors import ArgumentError, ProblemError, SolveError
+from gaitopt.errors import ArgumentError, SolveError
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Gait, require_converged, require_gait
 from gaitopt.gait.records import FigureRecord, RobustnessRecord
-from gaitopt.problem.floor import Floor, RandomFloor
+from gaitopt.problem.floor import QUANTITIES, Floor, RandomFloor
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Engine, RobustnessRequest
 from gaitopt.runs.jobs import Plan, ResultFile, all_results
 from gaitopt.simulation.engine import choose_engine
-from gaitopt.simulation.ground import check_floor
+from gaitopt.simulation.ground import check_floor, may_vary
 from gaitopt.store.formats import json_file
 from gaitopt.store.run import Run
 from gaitopt.threads import cached_property
@@ -216,7 +216,7 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
             raise error
         if "range" in groups:
             Request(parameter=self.key, to=(UNLIKELY,)).first_gait(self.gait)
-        if {"patch", FALLS} & {*groups}:
+        if {"patch", "sensitivity", FALLS} & {*groups}:
             check_floor(self.gait.system, Floor(friction=1.0))
         if FALLS in groups and not self.floor.is_even:
             check_floor(self.gait.system, self.floor.draw(2))
@@ -233,7 +233,8 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
     def jobs(self) -> list[Job]:
         """One job per figure."""
         engine = choose_engine(self.engine, steps=MANY_STEPS)
-        fitting = [kind for kind in KINDS if kind.startswith("friction") or self._may_be_uneven(kind)]
+        varied = {name for name in QUANTITIES if may_vary(self.gait.system, name)}
+        fitting = [kind for kind in KINDS if kind.replace("step", "height").rpartition("_")[0] in varied]
         of_group: dict[str, list[str]] = {
             "range": [f"range:{self.key}"],
             "patch": [f"patch:{kind}:{length}" for kind in fitting for length in LENGTHS],
@@ -257,14 +258,6 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
             identity = [self.problem.digest, state, name, *seeded, engine]
             jobs.append(Job(key=key_of(identity), argument=(self.gait, name, self.floor, request)))
         return jobs
-
-    def _may_be_uneven(self, kind: str) -> bool:
-        quantity = {"slope": 0.01} if kind.startswith("slope") else {"height": 0.01}
-        try:
-            check_floor(self.gait.system, Floor(**quantity))
-        except ProblemError:
-            return False
-        return True
 
 
 def figure_job(

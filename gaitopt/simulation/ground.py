@@ -292,3 +292,12 @@ def check_floor(system: HybridSystem, floor: Floor) -> None:
             f"floor: the feet of the {walker.model} roll, so that a tile has no one landing point to tilt about; "
             "leave slope out"
         )
+
+
+def may_vary(system: HybridSystem, quantity: str) -> bool:
+    """Whether a walker may walk on tiles that differ in friction, height or slope, see ``check_floor``."""
+    try:
+        check_floor(system, Floor(**{quantity: 0.01}))
+    except ProblemError:
+        return False
+    return True

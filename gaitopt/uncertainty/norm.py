@@ -25,10 +25,9 @@ from gaitopt.gait.trajectory import Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.lagrangian import TRAILING
 from gaitopt.model.modes import SWING_FOOT
-from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import FLOOR
 from gaitopt.problem.floor import QUANTITIES, Floor
-from gaitopt.simulation.ground import OnTiles
+from gaitopt.simulation.ground import OnTiles, may_vary
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.uncertainty.derivatives import OUTPUTS, StepDerivatives, step_derivatives, tile_parameters
 from gaitopt.verification.return_map import extrapolated
@@ -54,10 +53,10 @@ def sensitivity_norm(gait: Gait) -> Norms:
     """
     none: Norms = {quantity: dict.fromkeys(OUTPUTS) for quantity in QUANTITIES}
     system = gait.system
-    known = [name for name in QUANTITIES if _has(gait, name)]
+    known = [name for name in QUANTITIES if may_vary(system, name)]
     if not system.walker.stands_on_one():
         return none | {quantity: norm_of_walks(gait, quantity) for quantity in known}
-    if system.cycle_end != TOUCHDOWN:
+    if not known:
         return none
     on_tiles = OnTiles(gait.dynamics, drops=False, uneven=known != ["friction"])
     steps = Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True).steps
@@ -171,10 +170,3 @@ def _dynamics(on_tiles: OnTiles, n: int, step: Step) -> Dynamics:
         p[keys.index(f"{FLOOR}.{SWING_FOOT}.is_higher")] = 1.0
         p[keys.index(f"{FLOOR}.{TRAILING}")] = 0.0
     return Dynamics(on_tiles.system, p)
-
-
-def _has(gait: Gait, quantity: str) -> bool:
-    """Whether the walker may walk on tiles that differ in a quantity."""
-    fields = gait.system.walker.model_fields
-    rolls, keeps_energy = "foot_radius" in fields, "energy" in fields
-    return quantity == "friction" or not (keeps_energy or (rolls and quantity == "slope"))

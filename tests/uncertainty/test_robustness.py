@@ -401,6 +401,7 @@ def test_the_command_prints_the_stated_keys_and_resumes(tmp_path, monkeypatch):
         (lambda: robustness(named("compass-passive-a"), what="ice", progress=False), "what is 'ice'", 2),
         (lambda: robustness(named("compass-torque-impact-slip"), what="ice", progress=False), "what is 'ice'", 2),
         (lambda: robustness(named("compass-passive-a"), what=5, progress=False), "what is 5, but must be a text", 2),
+        (lambda: robustness(named("crawler"), what="sensitivity", progress=False), "no landing ends a step", 3),
         (lambda: robustness(named("compass-passive-a"), random="friction=1", progress=False), "no distribution", 3),
         (lambda: robustness(named("compass-passive-a"), walks=1, progress=False), "walks is 1", 2),
         (lambda: robustness(named("compass-passive-a"), over="ice", what="range", progress=False), "ice", 2),
