@@ -221,19 +221,6 @@ def test_falls_of_two_seeds_and_the_metastable_eigenvalue_agree(tmp_path):
     assert intervals[1][0] < intervals[0][1]
 
 
-@needs_heyoka
-@pytest.mark.slow
-def test_the_eigenvalue_of_a_gait_that_falls_once_in_ten_thousand_steps_is_the_share_of_plain_walks():
-    gait, floor = named("compass-passive-a"), RandomFloor.parse("friction=0.1372:0.1428", seed=1)
-    completed, _ = count_falls(gait, floor, walks=2500, steps=400, engine=ENGINE)
-    mean, (low, high) = mean_steps(completed)
-    assert 1e4 < mean < 1e5
-    known = metastable(gait, floor, ENGINE)
-    assert known["interval"][0] < high
-    assert known["interval"][1] > low
-    assert known["interval"][1] / known["interval"][0] < 4
-
-
 class WheelOnSteps:
     """Steps of a wheel over tiles of other heights in closed form, in place of those of the simulator.
 
