@@ -516,11 +516,9 @@ class Posture:
 
 def posture_at(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
     """The walker at coordinates ``q`` and rates ``dq``, both of shape (n_shape + 2,), and parameters ``p``."""
-    function = _kinematics(walker)
-    columns = zip(function.name_out(), buffered(function)(q, dq, p), strict=True)
-    values: dict[str, Any] = {
-        name: column.reshape(function.size_out(name), order="F").copy() for name, column in columns
-    }
+    function, shapes = _kinematics(walker)
+    outputs = zip(shapes.items(), buffered(function)(q, dq, p), strict=True)
+    values: dict[str, Any] = {name: out.reshape(shape, order="F").copy() for (name, shape), out in outputs}
     scalars = ("guard", "guard_slope", "upright", "spring_energy", "dissipation")
     values |= {name: values[name].item() for name in scalars}
     values |= {name: values[name].ravel() for name in ("relabel", "relabel_rate", "gravity", "gaps")}
@@ -528,8 +526,8 @@ def posture_at(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
 
 
 @built_once(maxsize=8)
-def _kinematics(walker: type[Walker]) -> Function:
-    """(q, dq, p) -> the entries of ``Posture``, by name."""
+def _kinematics(walker: type[Walker]) -> tuple[Function, dict[str, tuple[int, int]]]:
+    """(q, dq, p) -> the entries of ``Posture``, and the shape of each by name."""
     n, (q, p, mechanism) = len(walker.shape), symbolic_mechanism(walker)
     dq = SX.sym("dq", q.numel())
     bodies = []
@@ -558,7 +556,8 @@ def _kinematics(walker: type[Walker]) -> Function:
         "gaps": gaps,
         "gap_jacobian": jacobian(gaps, q[:n]),
     }
-    return Function("kinematics", [q, dq, p], [*outputs.values()], ["q", "dq", "p"], [*outputs])
+    function = Function("kinematics", [q, dq, p], [*outputs.values()], ["q", "dq", "p"], [*outputs])
+    return function, {name: function.size_out(name) for name in outputs}
 
 
 @built_once(maxsize=8)

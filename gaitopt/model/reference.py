@@ -224,9 +224,9 @@ class Reference(BaseModel):
             return self._known
         if self._over_law:
             return self._curve(phase, span, None)
-        stated = getattr(self, "span", None) or (0.0, getattr(self, "duration", None) or 1.0)
-        beyond_end = getattr(self, "beyond_end", None)
-        return self._curve(self.phase_variable, stated, beyond_end and BeyondEnd(beyond_end))
+        stated = vars(self)  # getattr of a key that the kind lacks is slow
+        span, beyond_end = stated.get("span") or (0.0, stated.get("duration") or 1.0), stated.get("beyond_end")
+        return self._curve(self.phase_variable, span, beyond_end and BeyondEnd(beyond_end))
 
     def with_curve(self, curve: Curve) -> Self:
         """The same reference with a known curve, such as that of the gait in ``source``."""
@@ -273,7 +273,7 @@ class Reference(BaseModel):
     @property
     def phase_variable(self) -> str:
         """The phase variable over which the motion runs, if the reference states it; empty for the clock."""
-        phase: str | None = getattr(self, "phase", None)
+        phase: str | None = vars(self).get("phase")
         return "" if phase in (None, CLOCK) else str(phase)
 
     @property
