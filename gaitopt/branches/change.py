@@ -317,7 +317,7 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
     for side in (ahead, -ahead):
         for cycle, distance, states in _proposals(point, candidates, side * span):
             tried[cycle] = None
-            successor = _attempt(point, cycle, offset := side * distance * span, states)
+            successor = attempt(point, cycle, offset := side * distance * span, states)
             if successor is None or successor.curve.cycle == curve.cycle:
                 continue
             if _is_continuous(point, successor, offset, jumps=jumps):
@@ -366,7 +366,7 @@ def simulated_gait(point: CurvePoint, offset: float) -> CurvePoint | None:
         cycle = Cycle(tuple(step.sequence for step in steps))
     except ValueError:  # its cycle does not close
         return None
-    return _attempt(point, cycle, offset, starts) if offset or cycle == curve.cycle else None
+    return attempt(point, cycle, offset, starts) if offset or cycle == curve.cycle else None
 
 
 def located_on_successor(event: Location, successor: CurvePoint) -> tuple[CurvePoint, MonitorKey] | None:
@@ -409,7 +409,7 @@ def alternatives(point: CurvePoint, known: Sequence[Cycle]) -> Iterator[CurvePoi
         candidates.append(in_turn(*known))
     for cycle in candidates:
         offsets = (side * distance * point.curve.metric.span for distance in DISTANCES for side in (1.0, -1.0))
-        attempts = (_attempt(point, cycle, offset) for offset in offsets)
+        attempts = (attempt(point, cycle, offset) for offset in offsets)
         successor = next((attempt for attempt in attempts if attempt is not None), None)
         if successor is not None and halved_cycle(successor.gait) is None:
             yield successor
@@ -473,7 +473,7 @@ def _active(point: CurvePoint, located: MonitorKey | None = None) -> list[tuple[
 
 
 @overflow_allowed()
-def _attempt(point: CurvePoint, cycle: Cycle, offset: float, known: Array | None = None) -> CurvePoint | None:
+def attempt(point: CurvePoint, cycle: Cycle, offset: float, known: Array | None = None) -> CurvePoint | None:
     """The gait with other modes at a parameter that is ``offset`` past the event; None if these modes do not hold.
 
     Parameters
@@ -544,7 +544,7 @@ def _is_continuous(point: CurvePoint, successor: CurvePoint, offset: float, *, j
     """
     if not (point.gait.dynamics.stick_comes_first or jumps):
         return True
-    closer = _attempt(point, successor.curve.cycle, offset * CLOSER_DISTANCE)
+    closer = attempt(point, successor.curve.cycle, offset * CLOSER_DISTANCE)
     if closer is None:
         return False
     near, far = (point.curve.metric.distance(other.gait.state, point.gait.state) for other in (closer, successor))

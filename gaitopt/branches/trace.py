@@ -23,6 +23,8 @@ from gaitopt.branches.change import (
     ACTIVE,
     DISTANCES,
     NEARBY,
+    attempt,
+    find_change,
     halved_cycle,
     halves_apart,
     located_on_successor,
@@ -33,6 +35,7 @@ from gaitopt.branches.change import (
 from gaitopt.branches.codimension_two import (
     CURVES,
     DEGENERATE,
+    curve_tests,
     is_zero,
     other_kappa,
     others_are_complex,
@@ -54,6 +57,7 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.transitions import Ending, margin
 from gaitopt.requests import TraceRequest
+from gaitopt.solver import arclength
 from gaitopt.solver.mesh import Mesh
 from gaitopt.solver.newton import Solution
 from gaitopt.solver.rollout import retraced, roll_out
@@ -83,6 +87,8 @@ HALVES_APART = (1e-3, 1e-2)
 NEARLY_HALVED = 1e-4
 """Where the halves of a doubled gait differ by less than this in natural units, a multiplier is 1 down to rounding,
 because it approaches 1 like the square of their difference."""
+JUMP = 1e-2
+"""Least change of the test functions of the multipliers across a margin that is a jump, absolute and relative."""
 MARGINS = ("mode_change", "impact_change", str(Ending.LIFT_OFF), str(Ending.PAINLEVE))
 """Types of special points at which a margin vanishes."""
 
@@ -341,6 +347,8 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
     sign: float
     stored: StoredTrace | None = None
     number: int = field(init=False)
+    _last: tuple[Solution | None, dict[str, float]] = field(init=False, default=(None, {}))
+    _others: dict[tuple[Cycle, MonitorKey], Cycle | None] = field(init=False, default_factory=dict)
 
     def _begin(self) -> Iterator[TracePoint | TraceSpecial]:
         """The records of the first point, which is on the curve exactly.
@@ -484,6 +492,8 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
                 yield replace(self._special("end", location.point, reason=words), codimension=2)
                 return
 
+        yield from self._past_bifurcations(here, point, length)
+
     def _beginning(self, name: str, gait: Gait, local: LocalMap, kappa: float) -> tuple[CurveStart, ...]:
         """The other curves through a codimension-two point."""
         if name.startswith("margin_"):
@@ -619,17 +629,67 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         check = confirm(gait)
         if check.passed or self.own is None:
             return check.passed, check.to_record()
-        holds = any(beside.monitor(self.own) > 0 and confirm(beside.gait).passed for beside in self._beside(gait))
+        origin = self._in_first(gait)
+        steps = (origin.step(sign * size) for size in DISTANCES for sign in (1.0, -1.0))
+        holds = any(at is not None and at.monitor(self.own) > 0 and confirm(at.gait).passed for at in steps)
         return holds, None if holds else check.to_record()
 
-    def _beside(self, gait: Gait) -> Iterator[CurvePoint]:
-        """Gaits of the same sequence on both sides of a margin, at other values of the first parameter."""
+    def _in_first(self, gait: Gait) -> CurvePoint:
+        """A gait on the family in the first parameter, which crosses a margin."""
         metric = replace(self.metric, others=(), span=self.metric.others[0])
-        origin = first_point(replace(gait, shooting=None), self.first, metric, 1.0)
-        for distance in (sign * size for size in DISTANCES for sign in (1.0, -1.0)):
-            point = origin.step(distance)
-            if point is not None:
-                yield point
+        return first_point(replace(gait, shooting=None), self.first, metric, 1.0)
+
+    def _other_sequence(self, point: CurvePoint) -> Cycle | None:
+        """The mode sequence on the other side of the margin, if the multipliers jump there."""
+        assert self.own is not None
+        place = point.curve.cycle, self.own
+        if place not in self._others:
+            transition = transition_at(point.gait.system.transitions, point.curve.cycle, self.own)
+            ends = transition is not None and bool(transition.ending or transition.ends_step)
+            event = arclength.Location(length=0.0, point=self._in_first(point.gait), status="converged")
+            successor = None if ends else find_change(event, self.own)[0]
+            sides = [[*curve_tests(at.local, "margin").values()] for at in (point, successor or point)]
+            jumps = not np.allclose(sides[0], sides[1], rtol=JUMP, atol=JUMP)
+            self._others[place] = successor.curve.cycle if jumps and successor is not None else None
+        return self._others[place]
+
+    def _past(self, point: CurvePoint, distance: float = DISTANCES[0]) -> CurvePoint | None:
+        """The gait on the other side of a margin at which the multipliers jump, close to it; None if there is none."""
+        cycle = None if self.own is None else self._other_sequence(point)
+        if cycle is None:
+            return None
+        origin = self._in_first(point.gait)
+        attempts = (attempt(origin, cycle, sign * distance * origin.curve.metric.span) for sign in (1.0, -1.0))
+        return next((found for found in attempts if found is not None), None)
+
+    def _tests_past(self, point: CurvePoint) -> dict[str, float]:
+        """All test functions of the gait close to the margin; those of the end of the last step are known."""
+        if self._last[0] is not point.at:
+            past = self._past(point)
+            self._last = point.at, {} if past is None else curve_tests(past.local, "margin")
+        return self._last[1]
+
+    def _test_past(self, point: CurvePoint, name: str) -> float:
+        """A test function of the gaits on the other side, extrapolated to the margin; 0 if there are none."""
+        pair = [self._past(point, distance) for distance in (DISTANCES[0], 2 * DISTANCES[0])]
+        near, far = (0.0 if at is None else curve_tests(at.local, "margin")[name] for at in pair)
+        return 2 * near - far
+
+    def _past_bifurcations(self, here: CurvePoint, point: CurvePoint, length: float) -> Iterator[TraceSpecial]:
+        """Bifurcations of the gaits on the other side of a margin, where those of this side have no test functions."""
+        before, after = self._tests_past(here), self._tests_past(point)
+        for name in before if after else ():
+            if before[name] * after[name] >= 0:
+                continue
+            location = here.locate(point, length, partial(self._test_past, name=name))
+            past, at = self._past(location.point), self._test_past(location.point, name)
+            if past is None or not is_zero(at, before[name], after[name]):
+                continue
+            if name.endswith("_neimark_sacker") and not others_are_complex(past.local, "margin", 0.0):
+                continue
+            special = self._special(name, location.point, location.status, f"of the gait {past.curve.cycle}")
+            following = self._beginning(name, past.gait, past.local, 0.0)
+            yield replace(special, before=point.curve.cycle, after=past.curve.cycle, next=following)
 
     def _move(self, point: CurvePoint, *, moved: bool = True) -> None:
         """Go to a point, on a mesh that is fine enough, with the condition as it is followed from there."""

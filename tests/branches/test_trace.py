@@ -25,6 +25,7 @@ from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.trace import CurveStart, TracePoint, TraceSpecial
 from gaitopt.requests import TraceRequest
 from gaitopt.runs.trace import TRACE_FILE, traced_family
+from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.assembly import solution_of
 from gaitopt.solver.newton import Solution, polish
 from gaitopt.store.branch import resumable_trace, stored_traces
@@ -248,6 +249,24 @@ def test_a_bifurcation_curve_ends_where_the_multipliers_jump_and_names_both_spec
 
 
 @pytest.mark.slow
+def test_a_margin_has_the_bifurcations_of_the_gaits_on_both_sides_where_the_multipliers_jump():
+    """Gaits whose impact slips double on a curve that ends on the margin of the impact, and leads to less friction."""
+    changes = special("compass-passive-a", "impact_change", "friction", 0.06)
+    curve = trace(changes, SLOPE, radians(0.25), verify_every=0, progress=False)
+    sticks, slips = curve.special("margin_period_doubling")
+    assert np.degrees(sticks.values[SLOPE]) == pytest.approx(0.702778337, abs=1e-8)
+    assert slips.reason == f"of the gait {slips.after}"
+    assert "slip_backward" in slips.after.steps[0].impact
+    (begins,) = slips.next
+    doubled = trace(begins, SLOPE, (radians(0.233), radians(0.4)), verify_every=0, progress=False)
+    down, up = doubled.special("end")
+    assert down.values["friction"] == pytest.approx(0.05001, abs=1e-5)
+    assert up.values == pytest.approx(slips.values, rel=0, abs=1e-9)  # it ends on the margin, located by itself
+    for point in doubled:
+        assert np.abs(point.gait.multipliers + 1).min() < 1e-9
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("first", ["friction", "walker.toe"])
 def test_a_curve_goes_on_where_a_phase_of_a_contact_vanishes(first):
     """Where the heel no longer slips, friction does not matter: the sticking gait doubles at one length of the toe.
@@ -337,6 +356,26 @@ def test_doubled_gaits_grow_as_the_coefficient_of_the_flip_says():
         x = p @ ((first - second) / 2 / unit) / (p @ q)
         offsets.append(point.value - origin.value)
         ratios.append(x**2 * origin.coefficients["c"] / (-slope * offsets[-1]))
+    assert np.polyfit(offsets, ratios, 1)[1] == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.slow
+def test_walks_settle_on_a_torus_whose_radius_is_that_of_the_normal_form():
+    """With |mu| = 1 + e the torus has the radius |z|^2 = -e / Re d: extrapolated to the Neimark-Sacker point."""
+    origin = special("torso-passive", "neimark_sacker", "walker.slope", 0.15)
+    assert origin.coefficients["re_d"] < 0
+    offsets, ratios = [1e-4, 2e-4, 4e-4], []
+    for offset in offsets:
+        gait = continuation(origin.gait, SLOPE, origin.value + offset, verify_every=0, progress=False).points[-1].gait
+        growth, unit = gait.spectral_radius - 1, gait.dynamics.state_units
+        kappa = max(gait.multipliers, key=abs).real
+        p, q, _ = local_map(solution_of(gait)).critical("neimark_sacker", kappa)
+        square = -growth / origin.coefficients["re_d"]
+        start = gait.state + unit * np.real(2 * sqrt(square) * q)
+        walk = Simulator(gait.dynamics).run(start, int(6 / growth))
+        last = np.array([step.final_impact.state for step in walk.steps])[int(3 / growth) :]
+        z = ((last - gait.state) / unit) @ p.conj() / (p.conj() @ q)
+        ratios.append(np.mean(np.abs(z) ** 2) / square)
     assert np.polyfit(offsets, ratios, 1)[1] == pytest.approx(1.0, abs=0.01)
 
 
