@@ -115,6 +115,12 @@ def transition_at(table: Transitions, cycle: Cycle, key: MonitorKey) -> Transiti
     return rows[key.kind]
 
 
+def ends_at(point: CurvePoint, key: MonitorKey) -> bool:
+    """Whether no mode sequence follows where a monitor vanishes: the motion ends there, or its step ends earlier."""
+    transition = transition_at(point.gait.system.transitions, point.curve.cycle, key)
+    return transition is not None and bool(transition.ending or transition.ends_step)
+
+
 def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
     """The label of the contact, or group of contacts, to which a vanishing monitor belongs; empty if it has none.
 

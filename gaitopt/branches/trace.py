@@ -24,13 +24,13 @@ from gaitopt.branches.change import (
     DISTANCES,
     NEARBY,
     attempt,
+    ends_at,
     find_change,
     halved_cycle,
     halves_apart,
     located_on_successor,
     start_states,
     successors,
-    transition_at,
 )
 from gaitopt.branches.codimension_two import (
     CURVES,
@@ -512,9 +512,7 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         point, cycle, status = event.point, event.point.curve.cycle, event.status
         words = margin(key.kind).lost if key.kind != "duration" else "vanishes"
         words = words if key.phase is None else f"{cycle.phase_words(key.phase)}: {words}"
-        transition = transition_at(point.gait.system.transitions, cycle, key)
-        ends = transition is not None and bool(transition.ending or transition.ends_step)
-        successor, reason = (None, "") if ends else self._successor(point, key)
+        successor, reason = (None, "") if ends_at(point, key) else self._successor(point, key)
         located = None if successor is None else located_on_successor(event, successor)
         if located is not None:
             (point, key), status = located, "converged"
@@ -629,9 +627,12 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         check = confirm(gait)
         if check.passed or self.own is None:
             return check.passed, check.to_record()
-        origin = self._in_first(gait)
-        steps = (origin.step(sign * size) for size in DISTANCES for sign in (1.0, -1.0))
-        holds = any(at is not None and at.monitor(self.own) > 0 and confirm(at.gait).passed for at in steps)
+        try:
+            origin = self._in_first(gait)
+            steps = (origin.step(sign * size) for size in DISTANCES for sign in (1.0, -1.0))
+            holds = any(at is not None and at.monitor(self.own) > 0 and confirm(at.gait).passed for at in steps)
+        except (ProblemError, SolveError, RuntimeError):  # out of range, or singular
+            holds = False
         return holds, None if holds else check.to_record()
 
     def _in_first(self, gait: Gait) -> CurvePoint:
@@ -644,10 +645,8 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         assert self.own is not None
         place = point.curve.cycle, self.own
         if place not in self._others:
-            transition = transition_at(point.gait.system.transitions, point.curve.cycle, self.own)
-            ends = transition is not None and bool(transition.ending or transition.ends_step)
             event = arclength.Location(length=0.0, point=self._in_first(point.gait), status="converged")
-            successor = None if ends else find_change(event, self.own)[0]
+            successor = None if ends_at(point, self.own) else find_change(event, self.own)[0]
             sides = [[*curve_tests(at.local, "margin").values()] for at in (point, successor or point)]
             jumps = not np.allclose(sides[0], sides[1], rtol=JUMP, atol=JUMP)
             self._others[place] = successor.curve.cycle if jumps and successor is not None else None
@@ -655,12 +654,15 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
 
     def _past(self, point: CurvePoint, distance: float = DISTANCES[0]) -> CurvePoint | None:
         """The gait on the other side of a margin at which the multipliers jump, close to it; None if there is none."""
-        cycle = None if self.own is None else self._other_sequence(point)
-        if cycle is None:
+        try:
+            cycle = None if self.own is None else self._other_sequence(point)
+            if cycle is None:
+                return None
+            origin = self._in_first(point.gait)
+            attempts = (attempt(origin, cycle, sign * distance * origin.curve.metric.span) for sign in (1.0, -1.0))
+            return next((found for found in attempts if found is not None), None)
+        except (ProblemError, SolveError, RuntimeError):  # out of range, or singular
             return None
-        origin = self._in_first(point.gait)
-        attempts = (attempt(origin, cycle, sign * distance * origin.curve.metric.span) for sign in (1.0, -1.0))
-        return next((found for found in attempts if found is not None), None)
 
     def _tests_past(self, point: CurvePoint) -> dict[str, float]:
         """All test functions of the gait close to the margin; those of the end of the last step are known."""
