@@ -690,7 +690,8 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             if name.endswith("_neimark_sacker") and not others_are_complex(past.local, "margin", 0.0):
                 continue
             special = self._special(name, location.point, location.status, f"of the gait {past.curve.cycle}")
-            following = self._beginning(name, past.gait, past.local, 0.0)
+            gait = replace(past.gait, freed={key: past.gait.dynamics.parameter(key) for key in point.values})
+            following = self._beginning(name, gait, past.local, 0.0)
             yield replace(special, before=point.curve.cycle, after=past.curve.cycle, next=following)
 
     def _move(self, point: CurvePoint, *, moved: bool = True) -> None:

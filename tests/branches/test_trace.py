@@ -257,7 +257,8 @@ def test_a_margin_has_the_bifurcations_of_the_gaits_on_both_sides_where_the_mult
     assert np.degrees(sticks.values[SLOPE]) == pytest.approx(0.702778337, abs=1e-8)
     assert slips.reason == f"of the gait {slips.after}"
     assert "slip_backward" in slips.after.steps[0].impact
-    (begins,) = slips.next
+    record, family = json.loads(json.dumps(slips.to_record())), traced_family(changes.gait.problem, "friction", SLOPE)
+    (begins,) = trace_special(family, "friction", record).next
     doubled = trace(begins, SLOPE, (radians(0.233), radians(0.4)), verify_every=0, progress=False)
     down, up = doubled.special("end")
     assert down.values["friction"] == pytest.approx(0.05001, abs=1e-5)
