@@ -372,7 +372,7 @@ def test_walks_settle_on_a_torus_whose_radius_is_that_of_the_normal_form():
         kappa = max(gait.multipliers, key=abs).real
         p, q, _ = local_map(solution_of(gait)).critical("neimark_sacker", kappa)
         square = -growth / origin.coefficients["re_d"]
-        start = gait.state + unit * np.real(2 * sqrt(square) * q)
+        start = gait.state + unit * np.real(2 * square**0.5 * q)
         walk = Simulator(gait.dynamics).run(start, int(6 / growth))
         last = np.array([step.final_impact.state for step in walk.steps])[int(3 / growth) :]
         z = ((last - gait.state) / unit) @ p.conj() / (p.conj() @ q)
