@@ -484,7 +484,7 @@ LEAVES_FAST = (
     "limit of MuJoCo: by its convex contact law, the foot that leaves at v_t along the ground does so at mu v_t or "
     "faster, which is three times its rate in this gait"
 )
-LANDINGS = "from landing to landing this gait is that of the row *slips*, and where a cycle begins proves nothing new"
+LANDINGS = "an engine knows no section: from landing to landing this is the motion that the row *slips* replays"
 OWN_COORDINATES = (
     "massless contacts have coordinates of their own, whose forces do not follow from accelerations, so that the "
     "theorem does not apply"
