@@ -50,20 +50,23 @@ RESERVED = (
     "version",
     "limits",
     "touchdown",
-    "clearance",
-    "gap",
     "upright",
+    "clearance",
+    "painleve",
+)
+"""Words that have another meaning, and so cannot be names of stops, switches or actuators."""
+MARGIN_NAMES = (
+    "gap",
     "normal_force",
     "cone_forward",
     "cone_backward",
     "slip_velocity",
-    "painleve",
     "regularity",
     "onset",
     "pull",
 )
-"""Words that have another meaning, and so cannot be names of stops, switches or actuators. All margins of a mode are
-among them, because a stop or a switch gives its name to its margin."""
+"""Margins of a phase, in addition to those above, that cannot be names of stops or switches, because each of these
+gives its name to its margin."""
 DERIVED = (
     "contact_names",
     "foot_modes",
@@ -524,7 +527,7 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
     if set(walker.stops) & set(walker.switches):
         yield f"{', '.join(sorted(set(walker.stops) & set(walker.switches)))} is named by both stops and switches"
     yield from _contact_faults(walker) if walker.contacts else ()
-    taken = {*devices, *walker.actuators} & {*RESERVED}
+    taken = ({*devices, *walker.actuators} & {*RESERVED}) | ({*devices} & {*MARGIN_NAMES})
     if taken:
         yield f"{', '.join(sorted(taken))} has another meaning in problem files: rename the stop, switch or actuator"
 
