@@ -13,7 +13,7 @@ known order k, its sign just after the start is that of its series divided by t^
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, groupby
 from typing import Any
 
@@ -35,11 +35,12 @@ from gaitopt.proof.law import ExactLaw
 from gaitopt.proof.orbit import CycleEnclosure, Orbit, OrbitArc
 from gaitopt.proof.taylor import TaylorStep, compose, derivative, evaluate, taylor_coefficients
 
-POSITIVE, ENDS, TOUCHDOWN = "p+", "p*d+", "n*u*p+d+"
+POSITIVE, ENDS, TOUCHDOWN, FLIGHT = "p+", "p*d+", "n*u*p+d+", "p+d+"
 PATTERN_WORDS = {
     POSITIVE: "is positive throughout",
     ENDS: "is positive and falls monotonically to its zero at the end",
     TOUCHDOWN: "falls to zero for the first time after positive values at the end of the step",
+    FLIGHT: "is positive from take-off until it falls to zero at the end of the step",
 }
 MOST_HALVINGS = 14
 """A step of the integration is halved at most this many times; a part that then has no kind fails its claim."""
@@ -214,10 +215,17 @@ def mode_sequence_claims(orbit: Orbit, cycle: CycleEnclosure) -> Iterator[ProofC
         if orbit.ends_step(j):
             before_end = f"step {orbit.step(j) + 1}, " if len(sequence.steps) > 1 else ""
         if alone and orbit.swaps(j):
-            swing = (signs[i].get(LANDS, []) for i in orbit.swing(j) if system.transitions.may_land(orbit.arcs[i].mode))
-            yield _claim(f"{before_end}{LANDS}", _margin, LANDS, [*chain(*swing)], TOUCHDOWN, arb(0))
+            swing = [i for i in orbit.swing(j) if system.transitions.may_land(orbit.arcs[i].mode)]
+            parts = [*chain(*(signs[i].get(LANDS, []) for i in swing))]
+            takes_off = (
+                system.walker.flies and parts[0].order and _vanishes_on_ground(system, orbit.arcs[swing[0]].mode)
+            )
+            pattern = FLIGHT if takes_off else TOUCHDOWN
+            yield _claim(f"{before_end}{LANDS}", _margin, LANDS, parts, pattern, arb(0))
         if section and orbit.ends_step(j):
-            parts = [part for i in orbit.arcs_of(orbit.step(j)) for part in signs[i].get(section, [])]
+            parts = list[SignPart]()
+            for i in orbit.arcs_of(orbit.step(j)):
+                parts += signs[i][section] if i == j else _before_jump(orbit, cycle, i, section, signs[i][section])
             yield _claim(f"{before_end}{section}", _margin, section, parts, TOUCHDOWN, arb(0))
         if orbit.struck(j) is not None:
             yield _claim(f"{before_end}{IMPACT}", _impact, orbit, j, y_end)
@@ -246,6 +254,25 @@ def _rising(orbit: Orbit) -> tuple[str, ...]:
     return (_section_margin(orbit.system), LANDS) if lands else (_section_margin(orbit.system),)
 
 
+def _before_jump(orbit: Orbit, cycle: CycleEnclosure, j: int, name: str, parts: Sequence[SignPart]) -> list[SignPart]:
+    """The signs of a margin along an arc, and the sign with which it ends if an impact follows, where it may jump.
+
+    Without that sign, a fall to zero just before the jump and the one at the end of the cycle would look like one fall.
+    """
+    if orbit.struck(j) is None:
+        return [*parts]
+    margins = orbit.field(orbit.arcs[j].mode, j).margins(cycle.ends[j])[0]
+    value = margins[orbit.system.transitions.margin_names(orbit.arcs[j].mode).index(name)]
+    sign, monotone = ("p", "d") if value > 0 else ("n", "u") if value < 0 else ("?", "")
+    known = [*parts, replace(parts[-1], kind=sign, value=value, order=0)]
+    # a part that falls to a positive value, or rises to a negative one, has the sign of this value
+    for k in range(len(parts) - 1, -1, -1):
+        if parts[k].kind != monotone:
+            break
+        known[k] = known[-1]
+    return known
+
+
 def _starts_phase(arcs: Sequence[OrbitArc], j: int) -> bool:
     """Whether arc ``j`` is the first one of its phase; the others follow a breakpoint."""
     return j == 0 or arcs[j - 1].phase != arcs[j].phase
@@ -254,12 +281,16 @@ def _starts_phase(arcs: Sequence[OrbitArc], j: int) -> bool:
 def _starts_at_rest(system: HybridSystem, sequence: Cycle, arcs: Sequence[OrbitArc], j: int) -> bool:
     """Whether arc ``j`` starts a phase with a foot at rest that stands alone and has a mass.
 
-    Any phase does but one after an impact with slip, and a flight. With one coefficient, forces of several contacts are
-    unique at all times; with two, they are unless a contact begins to slip.
+    Any phase does but one after an impact with slip, and a flight that the fall of the normal force to zero, or the
+    impact of a stop, explains. With one coefficient, forces of several contacts are unique at all times; with two, they
+    are unless a contact begins to slip.
     """
-    mode, impact = arcs[j].mode, sequence.impact_before(arcs[j].phase)
+    mode, impact, before = arcs[j].mode, sequence.impact_before(arcs[j].phase), arcs[j - 1]
     if not system.walker.stands_on_one():
         return bool(_starts_phase(arcs, j) and system.friction.may_drop and _begun_slips(system, sequence, arcs[j]))
+    if not mode.touching:
+        touches, struck = before.mode.touching or before.event == LANDS, impact is not None and not impact.swaps
+        return bool(_starts_phase(arcs, j) and touches and not struck and before.event != "normal_force")
     rests = impact is None or impact.contact is Mode.STICK
     return bool(not system.walker.massless_feet and mode.touching and _starts_phase(arcs, j) and rests)
 
@@ -385,11 +416,13 @@ def zeros_after_impact(system: HybridSystem, mode: Mode, name: str) -> int:
     A function of the coordinates has no rate.
     """
     xi, p, z = SX.sym("xi", system.lift.size1_in(0)), SX.sym("p", len(system.parameters)), SX.sym("z", system.n_z)
+    x, after = SX.sym("x"), system.lift(xi, p)
+    after[system.n_shape] = x  # a landing within the cycle may be anywhere
     index = system.transitions.margin_names(mode).index(name)
     value, n = system.margins(mode)(0, z, p, SX.zeros(system.n_r))[index], system.n_z // 2
 
     def vanishes(expression: SX) -> bool:
-        return vanishes_identically(substitute(expression, z, system.lift(xi, p)), vertcat(xi, p))
+        return vanishes_identically(substitute(expression, z, after), vertcat(xi, p, x))
 
     if not vanishes(value):
         return 0
@@ -537,6 +570,8 @@ def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | No
     if not orbit.system.walker.stands_on_one():
         return _most_contacts_stick(orbit, j, y)
     arc, table = orbit.arcs[j], orbit.system.transitions
+    if not arc.mode.touching:
+        return _let_go(orbit, j, y)
     modes = {contact: arc.mode.with_contact(contact) for contact in CONTACTS}
     margins = {
         contact: dict(zip(table.margin_names(mode), orbit.field(mode, j).margins(y)[0], strict=True))
@@ -549,10 +584,29 @@ def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | No
     words = "the foot sticks: its force lies within the cone"
     if arc.mode.slips:
         words = "the force that would hold the foot leaves the cone here, on the side of this slip alone"
-    if orbit.sequence.starts_from_rest(arc.phase):  # at the edge of the cone this margin is zero
+    begins = arc.mode.slips and orbit.sequence.onset_order(arc.phase)
+    if begins and orbit.arcs[j - 1].event != CONE[arc.mode.contact]:  # at the edge of the cone this margin is zero
         needed["onset"] = -cones[arc.mode.contact]
         words = "holding the foot would need a force beyond the cone, on the side of this slip alone"
     return words, _all_positive(needed)
+
+
+def _let_go(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
+    """Claim 4 of a flight: a foot that is let go rises, and no mode in which it stays on the ground is consistent.
+
+    With f the force that would hold the foot, it rises if C_tt f_n - C_nt f_t is negative. With positive apparent
+    masses f is then outside of the static cone, and the normal force of every slip is negative. A massless foot has no
+    inertia: the ground would have to pull it.
+    """
+    system, mode = orbit.system, orbit.arcs[j].mode
+    held = orbit.field(mode.with_contact(Mode.STICK), j)
+    if system.walker.massless_feet:
+        index = system.transitions.margin_names(held.mode).index("normal_force")
+        return "the ground would have to pull the foot", _all_positive({"pull": -held.margins(y)[0][index]})
+    rises = orbit.field(mode, j).rate(y)[0][system.state_names.index("dy")]
+    masses = zip((f"apparent mass against {slip}" for slip in SLIPS), held.apparent_masses(y)[0], strict=True)
+    words = "a foot that is let go rises, and no force of the ground is consistent"
+    return words, _all_positive({"the normal acceleration of a foot that is let go": rises, **dict(masses)})
 
 
 def _most_contacts_stick(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, None]:

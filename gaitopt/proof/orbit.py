@@ -305,7 +305,8 @@ class Orbit:
             after[n_z] = time
         elif arc.event == "slip_velocity":
             after[n_z - 1] = 0
-        struck = self.struck(j)
+        # the impact of a stop that locks in flight has no margins
+        struck = system.transitions.struck(self.sequence, arc.phase) if arc.ends_phase else None
         if struck is not None:
             after[:n_z] = system.impact(struck, arc.mode, ends_step=self.ends_step(j))(y[:n_z], values)[0]
         if self.ends_step(j):

@@ -23,6 +23,7 @@ from gaitopt import Mode, load_problem, parse_problem, prove, solve
 from gaitopt.errors import StorageError
 from gaitopt.model.control import NoControl
 from gaitopt.model.curve import BeyondEnd, Curve, continued
+from gaitopt.model.cycle import Cycle
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -33,7 +34,7 @@ from gaitopt.problem.source import parse_source
 from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted
 from gaitopt.proof.certificate import parse_certificate, read_certificate, sha256
 from gaitopt.proof.check import BRACKETED, MARGIN_CHANGES, MOTION, check, check_box, conclude
-from gaitopt.proof.claims import ProofClaim, _time_window, mode_claim_names, zeros_after_impact
+from gaitopt.proof.claims import ProofClaim, _mode_at_rest, _time_window, mode_claim_names, zeros_after_impact
 from gaitopt.proof.law import ExactLaw
 from gaitopt.proof.law_data import _steps, motion_claim
 from gaitopt.proof.orbit import Orbit
@@ -476,6 +477,24 @@ def test_a_claim_that_is_not_made_leaves_the_theorem_unproved(monkeypatch, lost)
     monkeypatch.setattr(check_module, "mode_sequence_claims", without)
     for certificate in (proved("rimless-wheel-stick"), bracket()):
         assert refusals(certificate).keys() == {"completeness"}
+
+
+def test_a_slip_does_not_begin_where_static_friction_holds_the_foot():
+    """A switch changes the forces: only at the edge of the cone is it known that the force then leaves it."""
+    system = HybridSystem(CompassBiped, NoControl())
+
+    def field(mode, j):
+        return SimpleNamespace(margins=lambda y: [[arb(1)] * len(system.transitions.margin_names(mode))])
+
+    def begins(event):
+        arcs = [SimpleNamespace(mode=Mode.STICK, event=event), SimpleNamespace(mode=Mode.SLIP_FORWARD, phase=1)]
+        sequence = Cycle.of_one_step((Mode.STICK, Mode.SLIP_FORWARD), Mode.STICK)
+        return _mode_at_rest(SimpleNamespace(system=system, sequence=sequence, arcs=arcs, field=field), 1, [])
+
+    assert "on the side of this slip alone" in begins("cone_forward")[0]
+    for event in ("thrust", "cone_backward"):
+        with pytest.raises(Refuted, match="onset is -1"):
+            begins(event)
 
 
 def window(time, *, segment=0, breakpoints=(0.5, 0.7), horizon=None, event="touchdown", data=(1, 2, 3)):

@@ -24,8 +24,11 @@ from gaitopt.problem.statement import problem_data  # noqa: E402
 from gaitopt.proof.check import check  # noqa: E402
 
 
-def with_section(base, name, at, touchdown=None, place=0.0):
-    """A walker with a margin that falls to zero where its first coordinate is ``at``, and another touchdown."""
+def with_section(base, name, at, touchdown=None, place=0.0, factor=1.0):
+    """A walker with a margin that falls to zero where its first coordinate is ``at``, and another touchdown.
+
+    The margin also vanishes where this coordinate is zero or ``factor``, if that is not one.
+    """
 
     class Sectioned(base):
         model = name
@@ -35,7 +38,9 @@ def with_section(base, name, at, touchdown=None, place=0.0):
         def mechanism(cls, q, p):
             plain, (first, *_) = super().mechanism(q, p), cls.shape
             guard = plain.touchdown if touchdown is None else plain.touchdown * touchdown(vars(q)[first])
-            margins = {"middle": lambda dq: at - vars(q)[first] - place * q.x}
+            angle = vars(q)[first]
+            factors = 1.0 if factor == 1.0 else angle * (angle - factor)
+            margins = {"middle": lambda dq: (at - angle - place * q.x) * factors}
             return replace(plain, sections=margins, touchdown=guard)
 
     return Sectioned
@@ -70,9 +75,9 @@ class HipClock(Control):
 
 
 @cache
-def mid_stride(name):
-    """A named gait from the middle of a stride to the next one."""
-    plain, at = named(name), STRIDE_FROM.get(name, 0.0)
+def mid_stride(name, at=None, walker=None):
+    """A named gait from the middle of a stride, or from ``at``, to the next one."""
+    plain, walker, at = named(name), walker or WALKERS[name], STRIDE_FROM.get(name, 0.0) if at is None else at
     k = next(k for k, arc in enumerate(plain.arcs) if arc.states[0, 0] < at < arc.states[-1, 0])
     states = plain.arcs[k].states
     (here,) = curves.evaluate(curves.coefficients(states), curves.roots(states[:, 0] - at))
@@ -87,8 +92,8 @@ def mid_stride(name):
         "phases": [*phases[k:], {**phases[0], "impact": struck}, *phases[1 : k + 1]],
         "guess": {"state": {n: float(v) for n, v in zip(plain.system.state_names, here, strict=True) if n != "x"}},
     }
-    changed = data | {"walker": data["walker"] | {"model": WALKERS[name].model}, "gait": gait}
-    gait = solve(parse_problem(json.dumps(changed), walkers=[WALKERS[name]]), progress=False)
+    changed = data | {"walker": data["walker"] | {"model": walker.model}, "gait": gait}
+    gait = solve(parse_problem(json.dumps(changed), walkers=[walker]), progress=False)
     assert gait.converged, gait.message
     return gait
 
@@ -154,6 +159,22 @@ def test_a_landing_or_a_section_that_the_certificate_conceals_is_refused(change,
     walker = with_section(RimlessWheel, "mid_wheel", **{"at": 0.0, **change})
     result = check(json.loads(certificate_text()), walkers=[walker])
     assert failed(result).keys() == refused, failed(result)
+
+
+def test_a_fall_to_zero_just_before_a_landing_is_not_that_which_ends_the_cycle():
+    """The margin falls to zero just before the landing, jumps with the angle, and falls to zero once more."""
+    early = with_section(RimlessWheel, "mid_wheel", -0.309)
+    data = json.loads(json.dumps(prove(mid_stride("rimless-wheel-slip", -0.309, early)).certificate))
+    *_, last = data["arcs"]
+    (box,), n, arcs = data["boxes"], 5, len(data["arcs"])
+    assert len(last["fractions"]) == 1
+    last["fractions"] = []  # one step, along which the margin is said to fall, whatever its sign
+    for values in (box["centre"], box["tilt"], box["radii"]):
+        del values[-arcs - 2 * n : -arcs - n]
+    twice = with_section(RimlessWheel, "mid_wheel", -0.309, factor=0.3138)
+    refused = failed(check(data, walkers=[twice]))
+    assert refused.keys() == {"middle"}
+    assert refused["middle"].startswith("middle is [-7.0")  # just before the landing
 
 
 def test_a_landing_within_the_cycle_cannot_be_left_out_of_a_certificate():

@@ -197,6 +197,6 @@ def test_a_series_that_has_lost_terms_is_refused():
     y = SX.sym("y", 2)
     quotient = BallFunction(Function("quotient", [y], [sin(y[0]) / y[0]]), [])
     with pytest.raises(NotProved, match="has 4 terms instead of 5"):
-        taylor._compose(quotient, [[arb(0), arb(1), arb(0), arb(0), arb(0)]] * 2)
-    right = taylor._compose(quotient, [[arb(1), arb(1), arb(0), arb(0), arb(0)]] * 2)
+        taylor.compose(quotient, [[arb(0), arb(1), arb(0), arb(0), arb(0)]] * 2)
+    right = taylor.compose(quotient, [[arb(1), arb(1), arb(0), arb(0), arb(0)]] * 2)
     assert right[0][0].overlaps(arb(1).sin())
