@@ -73,10 +73,15 @@ class Dynamics(ReadOnlyArrays):
         correction = self.system.correction
         return len(self.steps) if correction is None else max(len(self.steps), correction.every)
 
-    def acting(self, z: Array) -> "Dynamics":
-        """The dynamics in the cycle that begins with a state: feedback from step to step corrects some parameters."""
+    def acting(self, z: Array, n: int = 0) -> "Dynamics":
+        """The dynamics in the cycle that begins with a state: feedback from step to step corrects some parameters.
+
+        Parameters
+        ----------
+        n : number of the step whose dynamics these are.
+        """
         correction = self.system.correction
-        return self if correction is None else Dynamics(self.system, correction(self.p, z))
+        return self if correction is None else Dynamics(self.system, correction(self.p, z, n))
 
     @cached_property
     def static_friction(self) -> float:

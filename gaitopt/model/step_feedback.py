@@ -265,18 +265,28 @@ class Correction:
     feedback : feedback whose gains and nominal state are known.
     parameters : names of the entries of p.
     states : names of the entries of z.
+    exchanged : pairs of dotted keys of parameters that take each other's values after every step.
 
     Attributes
     ----------
     keys : dotted keys of the corrected parameters.
     every : number of steps of a cycle.
+    entries : indices in p of the parameters that are corrected in any step of a cycle.
     """
 
-    def __init__(self, feedback: StepFeedback, parameters: tuple[str, ...], states: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        feedback: StepFeedback,
+        parameters: tuple[str, ...],
+        states: tuple[str, ...],
+        exchanged: Mapping[str, str],
+    ) -> None:
         known, index = feedback.known, {name: k for k, name in enumerate(parameters)}
         self.keys, self.every = known.keys, known.every
         self._size = len(parameters)
-        self.of_u = [index[key] for key in known.keys]
+        partner = {**exchanged, **{other: one for one, other in exchanged.items()}}
+        self._of_u = [index[key] for key in known.keys], [index[partner.get(key, key)] for key in known.keys]
+        self.entries = [*dict.fromkeys(entry for of_u in self._of_u for entry in of_u)]
         self.of_K = np.array([[index[f"control.{_gain_key(key, name)}"] for name in known.names] for key in known.keys])
         self.of_K = self.of_K.reshape(len(known.keys), len(known.names))
         self._of_xi = [index[f"control.{PREFIX}state.{name}"] for name in known.names]
@@ -285,19 +295,23 @@ class Correction:
         self._lower = np.array([limits.get(key, (-np.inf, np.inf))[0] for key in known.keys])
         self._upper = np.array([limits.get(key, (-np.inf, np.inf))[1] for key in known.keys])
 
-    def __call__(self, p: Array, z: Array) -> Array:
-        """The parameters during the cycle that begins with the state z, numbers: p (..., n_p) and z (..., n_z)."""
+    def __call__(self, p: Array, z: Array, n: int = 0) -> Array:
+        """The parameters in step n of the cycle that begins with the state z: p (..., n_p) and z (..., n_z).
+
+        Those of every second step, the first of which is step 1, are exchanged, in ``p`` and in the result.
+        """
+        of_u = self._of_u[n % 2]
         deviation = z[..., self.indices] - p[..., self._of_xi]
         change = np.einsum("...ij,...j->...i", p[..., self.of_K], deviation)
         full = p.copy()
-        full[..., self.of_u] = np.clip(p[..., self.of_u] + change, self._lower, self._upper)
+        full[..., of_u] = np.clip(p[..., of_u] + change, self._lower, self._upper)
         return full
 
     def symbolic(self, p: Any, z: Any) -> Any:
         """The corrected parameters as a CasADi column."""
         full = (MX if isinstance(p, MX) else SX)(p)
         deviation = z[self.indices] - p[self._of_xi]
-        for k, (entry, row) in enumerate(zip(self.of_u, self.of_K.tolist(), strict=True)):
+        for k, (entry, row) in enumerate(zip(self._of_u[0], self.of_K.tolist(), strict=True)):
             u = p[entry]
             for j, gain in enumerate(row):
                 u = u + p[gain] * deviation[j]
@@ -309,13 +323,20 @@ class Correction:
         """Derivatives of the corrected parameters by the state, (m, n_z), and by p, (m, n_p); zero at a limit."""
         deviation = z[self.indices] - p[self._of_xi]
         K = p[self.of_K]
-        u = p[self.of_u] + K @ deviation
+        of_u = self._of_u[0]
+        u = p[of_u] + K @ deviation
         free = (u > self._lower) & (u < self._upper)
-        by_state, by_p = np.zeros((len(self.of_u), z.size)), np.zeros((len(self.of_u), self._size))
+        by_state, by_p = np.zeros((len(of_u), z.size)), np.zeros((len(of_u), self._size))
         by_state[:, self.indices] = K
-        rows = np.arange(len(self.of_u))
-        by_p[rows, self.of_u] = 1.0
+        rows = np.arange(len(of_u))
+        by_p[rows, of_u] = 1.0
         by_p[:, self._of_xi] = -K
         by_p[rows[:, None], self.of_K] = deviation
         by_state[~free], by_p[~free] = 0.0, 0.0
         return by_state, by_p
+
+    def by_entry(self, changes: Array, n: int) -> Array:
+        """Changes of the ``entries`` in step n of a cycle, from those of the corrected parameters, (m, k)."""
+        rows = np.zeros((len(self.entries), changes.shape[1]))
+        rows[[self.entries.index(entry) for entry in self._of_u[n % 2]]] = changes
+        return rows

@@ -202,17 +202,17 @@ class HybridSystem:
         during a cycle, follow.
         """
         z, dz, deviations = self._eom.z, self._symbols.rate(mode), SX.sym("deviations", self.n_z, columns)
-        rates, of_u = jacobian(dz, z) @ deviations, self._corrected
-        changes = SX.sym("changes", of_u.numel(), columns)
+        rates, corrected = jacobian(dz, z) @ deviations, self._corrected
+        changes = SX.sym("changes", corrected.numel(), columns)
         if changes.numel():
-            rates += jacobian(dz, of_u) @ changes
+            rates += jacobian(dz, corrected) @ changes
         zeros = SX.zeros(changes.numel())
         return {"y": vertcat(z, vec(deviations), vec(changes)), "dy": vertcat(dz, vec(rates), zeros)}
 
     @property
     def _corrected(self) -> SX:
-        """The parameters that feedback from step to step corrects."""
-        return SX(0, 1) if self.correction is None else self._symbols.p[self.correction.of_u]
+        """The parameters that feedback from step to step corrects in any step of a cycle."""
+        return SX(0, 1) if self.correction is None else self._symbols.p[self.correction.entries]
 
     @compiled("tzpr")
     def margins_by_corrected(self, mode: Mode) -> dict[str, SX]:
@@ -552,7 +552,10 @@ class HybridSystem:
     def correction(self) -> Correction | None:
         """The feedback from step to step; None if the law has none."""
         feedback = self.control.step_feedback
-        return None if feedback is None else Correction(feedback, self.parameters, self.state_names)
+        if feedback is None:
+            return None
+        exchanged = {f"control.{one}": f"control.{other}" for one, other in self.control.exchanged.items()}
+        return Correction(feedback, self.parameters, self.state_names, exchanged)
 
     def data(self, segment: int) -> Array:
         """Segment data of the control, shape (n_r,); read-only by convention."""

@@ -236,7 +236,7 @@ def refuse_other_results(folder: Path) -> None:
     Raises
     ------
     StorageError
-        If there are other results; for basins, sweeps and attractors the message says which folder to give.
+        If there are other results; if they are in a folder of their own, the message names it.
     """
     if not (folder / MANIFEST_FILE).is_file() or GAIT_FILE in Run(folder).manifest().files:
         return

@@ -158,7 +158,7 @@ class Stepper(ABC):
         changes : ndarray, shape (n_u, m) - of the parameters that feedback from step to step corrects; zero by default.
         """
         unit, correction = self._natural.state, self._natural.system.correction
-        n_u, m = 0 if correction is None else len(correction.keys), deviations.shape[1]
+        n_u, m = 0 if correction is None else len(correction.entries), deviations.shape[1]
         changes = np.zeros((n_u, m)) if changes is None else changes
         scaled = deviations / unit[:, None]
         sizes = np.abs(np.vstack([scaled, changes])).max(axis=0)  # every column is scaled to size one

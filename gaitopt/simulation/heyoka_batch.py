@@ -78,7 +78,7 @@ class BatchSimulator:
         self._arcs, self._resolver = BatchArcs(dynamics), BatchResolver(dynamics)
         self._max_switches, self._ends = max_switches, np.array(segment_ends(dynamics))
 
-    def step(self, states: Array, p: Array | None = None, first: Array | None = None) -> StepOutcomes:
+    def step(self, states: Array, p: Array | None = None, first: Array | None = None, n: int = 0) -> StepOutcomes:
         """Simulate one step from each of the states just after an impact, shape (n, n_z).
 
         Parameters
@@ -88,11 +88,12 @@ class BatchSimulator:
             Feedback from step to step corrects them.
         first : ndarray, shape (n, n_z) - states in which the cycles began, from which this feedback follows; by default
             ``states``.
+        n : number of the step.
         """
         correction = self.system.correction
         if correction is not None:
             p = np.tile(self.dynamics.p, (len(states), 1)) if p is None else p
-            p = correction(p, states if first is None else first)
+            p = correction(p, states if first is None else first, n)
         motions = _Motions(states, self.dynamics, p)
         motions.states, modes, endings, landings = self._resolver.start(motions.states)
         motions.choose(np.arange(len(states)), modes, endings)

@@ -75,7 +75,7 @@ class NaturalSystem:
     @building
     def variational(self, mode: Mode, columns: int) -> Function:
         """Rate of the state and of ``columns`` deviations, stacked in one vector."""
-        corrected = 0 if self._system.correction is None else len(self._system.correction.keys)
+        corrected = 0 if self._system.correction is None else len(self._system.correction.entries)
         scale = vertcat(repmat(self._d, 1 + columns, 1), SX.ones(corrected * columns))
         rates = self._system.variational(mode, columns)
         return self._build(

@@ -166,7 +166,7 @@ class Simulator:
         on_ground = ground.within(n, tiles, after)
         tiles.clear()
         tiles.update(on_ground)
-        return whole.on(ground.dynamics(n, tiles, z).acting(first))
+        return whole.on(ground.dynamics(n, tiles, z).acting(first, n))
 
     def _like(self, dynamics: Dynamics) -> "Simulator":
         return Simulator(dynamics, self._make_stepper, max_switches=self._max_switches, longest_step=self._longest_step)
@@ -249,7 +249,7 @@ class Simulator:
         for n in count():
             first = z if correction is None or n % correction.every == 0 else first
             if ground is not None:
-                simulator = self.on(ground.dynamics(n, tiles, z).acting(first))
+                simulator = self.on(ground.dynamics(n, tiles, z).acting(first, n))
             elif correction is None:
                 simulator = self.per_step[n % len(self.per_step)]
             else:

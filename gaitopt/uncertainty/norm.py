@@ -62,16 +62,18 @@ def sensitivity_norm(gait: Gait) -> Norms:
     steps = Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True).steps
     uses = {quantity: tile_parameters(on_tiles, quantity) for quantity in known}
     correction = on_tiles.system.correction
-    corrected = [] if correction is None else correction.of_u
+    corrected = [] if correction is None else correction.entries
     places = sorted({place for use in uses.values() for parts in use.values() for place, _ in parts} | {*corrected})
     try:
         linear = [step_derivatives(step, _dynamics(on_tiles, n, step), places) for n, step in enumerate(steps)]
     except FloatingPointError:
         return none
-    feedback = np.zeros((len(places), system.n_z))  # derivative of the parameters by the state at the start of a cycle
+    feedback = [np.zeros((len(places), system.n_z)) for _ in steps]
     if correction is not None:
         p = _dynamics(on_tiles, 0, steps[0]).p
-        feedback[[places.index(place) for place in corrected]] = correction.slopes(p, steps[0].arcs[0].states[0])[0]
+        slopes = correction.slopes(p, steps[0].arcs[0].states[0])[0]
+        for n, of_step in enumerate(feedback):
+            of_step[[places.index(place) for place in corrected]] = correction.by_entry(slopes, n)
     for quantity, use in uses.items():
         weights = {key: np.zeros(len(places)) for key in use}
         for key, parts in use.items():
@@ -140,20 +142,21 @@ def _outputs(step: Step) -> list[float]:
     return [np.nan if value is None else float(value) for value in (values[name] for name in OUTPUTS)]
 
 
-def _squares(linear: list[StepDerivatives], weights: dict[str, Array], n: int, feedback: Array) -> Array:
+def _squares(linear: list[StepDerivatives], weights: dict[str, Array], n: int, feedback: list[Array]) -> Array:
     """Sums of the squares of the changes of each output where the tile under step ``n`` of the cycle changes.
 
     Parameters
     ----------
     weights : changes of the parameters in the step that ends on the tile and in that which begins on it.
-    feedback : derivative of the parameters in a cycle by the state at its start.
+    feedback : derivatives of the parameters in each step of a cycle by the state at its start.
     """
     landing = linear[(n - 1) % len(linear)]
     total = (landing.outputs_by_tiles @ weights["landed"]) ** 2
-    z, u = landing.state_by_tiles @ weights["landed"], np.zeros(len(feedback))
+    z, first = landing.state_by_tiles @ weights["landed"], np.zeros(feedback[0].shape[1])
     for k in range(n, n + MOST_STEPS):
         step = linear[k % len(linear)]
-        u = u if k % len(linear) else feedback @ z
+        first = first if k % len(linear) else z
+        u = feedback[k % len(linear)] @ first
         changed = u + weights["stands"] if k == n else u
         squares = (step.outputs_by_state @ z + step.outputs_by_tiles @ changed) ** 2
         total, z = total + squares, step.state_by_state @ z + step.state_by_tiles @ changed

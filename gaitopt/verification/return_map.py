@@ -158,10 +158,12 @@ class ReturnMap:
         ----------
         simulators : simulators of consecutive steps, repeated in turn; they differ if the legs differ.
         """
-        correction, changes = self.simulator.system.correction, None
+        correction, corrected, changes = self.simulator.system.correction, np.zeros((0, 0)), None
         for n, (step, nominal) in enumerate(zip(steps, cycle(simulators), strict=False)):
             if correction is not None and n % correction.every == 0:
-                changes = correction.slopes(self.simulator.dynamics.p, step.arcs[0].states[0])[0] @ deviations
+                corrected = correction.slopes(self.simulator.dynamics.p, step.arcs[0].states[0])[0] @ deviations
+            if correction is not None:
+                changes = correction.by_entry(corrected, n)
             for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
                 system, ends = arc.dynamics.system, arc.times[[0, -1]]
                 is_nominal = system is nominal.system and correction is None
@@ -424,7 +426,7 @@ def _event_matrices(arc: Arc, after: Arc | None, impact: Mode) -> tuple[Array, A
     that feedback from step to step corrects: they shift the event.
     """
     system, p, z = arc.dynamics.system, arc.dynamics.p, arc.states[-1]
-    n_u = 0 if system.correction is None else len(system.correction.keys)
+    n_u = 0 if system.correction is None else len(system.correction.entries)
     data, (transition, struck) = system.data(arc.segment), event_at_end(arc, after, impact)
     if transition.guard == CLOCK:
         return np.eye(z.size), np.zeros((z.size, n_u))

@@ -174,25 +174,25 @@ class StepMap:
 
     def walk(self, states: Array, rows: Rows | None = None) -> StepOutcomes:
         """Walk a cycle from whole states, shape (n, n_z), to whole states, which may lie off the section."""
-        walked = self._steps[0](states, first=states)
+        walked = self._steps[0](states, first=states, n=0)
         for n in range(1, self.dynamics.steps_per_cycle):
             rows = np.flatnonzero(walked.completed)
             if rows.size:
                 step = self._steps[n % len(self._steps)]
-                walked = walked.followed_by(step(walked.states[rows], first=states[rows]), rows)
+                walked = walked.followed_by(step(walked.states[rows], first=states[rows], n=n), rows)
         return walked
 
     @cached_property
     def _steps(self) -> list[Callable[..., StepOutcomes]]:
-        """One step from every state, shape (n, n_z), of a cycle that began in ``first``, for each leg that differs."""
+        """Step ``n`` of cycles that began in ``first``, from every state, shape (m, n_z); for each leg that differs."""
         if self.engine is Engine.HEYOKA:
             from gaitopt.simulation.heyoka_batch import BatchSimulator  # imports heyoka, which is optional
 
             return [BatchSimulator(dynamics).step for dynamics in self.dynamics.steps]
 
-        def one_by_one(simulator: Simulator, states: Array, first: Array) -> StepOutcomes:
+        def one_by_one(simulator: Simulator, states: Array, first: Array, n: int) -> StepOutcomes:
             outcomes = [
-                simulator.on(simulator.dynamics.acting(start)).step(state) if np.isfinite(state).all()
+                simulator.on(simulator.dynamics.acting(start, n)).step(state) if np.isfinite(state).all()
                 else UNDEFINED_STATE
                 for state, start in zip(states, first, strict=True)
             ]  # fmt: skip

@@ -162,7 +162,7 @@ class TiledSteps:
             name: Tiles(friction=_pairs(of.get("friction")), height=up, slope=of.get("slope", zero))
             for name, of, up in ((FOOT, under, zero), (SWING_FOOT, ahead, rise))
         }
-        return self._simulator.step(states, self.on_tiles.parameters(n, tiles, states), first)
+        return self._simulator.step(states, self.on_tiles.parameters(n, tiles, states), first, n)
 
 
 def _pairs(friction: Array | None) -> Array | None:
@@ -187,7 +187,7 @@ class _Batches:
 
     def step(self, n: int, rows: Rows, states: Array, first: Array) -> StepOutcomes:
         if self._tiled is None or n > self._last:
-            return self._nominal[n % len(self._nominal)].step(states, first=first)
+            return self._nominal[n % len(self._nominal)].step(states, first=first, n=n)
         return self._tiled.step(n, states, self._tile(n, rows), self._tile(n + 1, rows), first)
 
     def _tile(self, n: int, rows: Rows) -> Floors:

@@ -15,6 +15,7 @@ from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import build_system
 from gaitopt.uncertainty.falls import count_falls
+from gaitopt.uncertainty.norm import sensitivity_norm
 from gaitopt.verification.return_map import ReturnMap
 
 NAME = "compass-torque-impact-slip"
@@ -199,6 +200,56 @@ def test_a_cycle_of_two_steps_is_corrected_once():
             mapped = go.return_map(gait, [walk.start[indices]], engine=engine, floor=floor)
             np.testing.assert_allclose(mapped.states[0, :-1], walk.section_states[-1][indices], atol=1e-11)
             assert mapped.times[0] == pytest.approx(walk.duration, abs=1e-11)
+
+
+TWO_REFERENCES = """
+name: two-references
+walker: {model: compass_biped, leg_length: 1.6, leg_mass: 4, leg_com: 0.8, hip_mass: 2, gravity: 9.8, slope: 1 deg}
+friction: 0.6
+control:
+  type: pd
+  kp: 0.5
+  kd: 0.1
+  reference: {bezier: {theta2: [0, 0.1]}, duration: 0.7, beyond_end: hold}
+  other_reference: {bezier: {theta2: [0, 0.12]}, duration: 0.7, beyond_end: hold}
+  step_feedback: {gains: {control.reference.theta2.0: {theta1: 5}, control.other_reference.theta2.1: {dtheta1: 0.2}}}
+gait:
+  steps: [{phases: [stick], impact: stick}, {phases: [stick], impact: stick}]
+  guess: {state: {theta1: -0.147, dtheta1: 0.739, dtheta2: -0.525}}
+"""
+
+
+@cache
+def with_two_references():
+    return go.solve(go.parse_problem(TWO_REFERENCES), progress=False)
+
+
+def test_parameters_that_are_exchanged_within_the_cycle_are_corrected_in_both_steps():
+    """A walk corrects them and then exchanges them; a return map corrects entries that are exchanged already."""
+    gait = with_two_references()
+    assert go.verify(gait).passed
+    walk = go.simulate(gait, {"theta1": 1.003 * gait.state[0]}, steps=2).trajectory
+    indices = gait.system.section(gait.cycle).indices
+    mapped = go.return_map(gait, [walk.start[indices]], engine="scipy")
+    np.testing.assert_allclose(mapped.states[0, :-1], walk.section_states[-1][indices], atol=1e-11)
+
+
+@pytest.mark.slow
+def test_exchanged_parameters_are_corrected_on_tiles_in_batches_and_in_the_norm():
+    gait, change = with_two_references(), 1e-5
+    indices = gait.system.section(gait.cycle).indices
+    for floor in (None, go.Floor(height=[0, 1e-9, 0])):
+        walk = go.simulate(gait, {"theta1": 1.003 * gait.state[0]}, steps=2).trajectory
+        for engine in ("scipy", "heyoka")[: 1 + is_installed()]:
+            mapped = go.return_map(gait, [walk.start[indices]], engine=engine, floor=floor)
+            np.testing.assert_allclose(mapped.states[0, :-1], walk.section_states[-1][indices], atol=1e-7)
+    periods = [step.period for step in gait.steps]
+    squares = list[float]()
+    for tile in (3, 4):
+        walk = go.simulate(gait, floor=go.Floor(height=[0.0] * tile + [change] + [0.0] * 40), steps=40).trajectory
+        squares.append(sum((step.period - periods[n % 2]) ** 2 for n, step in enumerate(walk.steps)))
+    norm = sensitivity_norm(gait)["height"]["period"]
+    assert np.sqrt(np.mean(squares)) / change == pytest.approx(norm, rel=1e-3)
 
 
 def test_the_sensitivity_norm_is_that_of_the_closed_loop():
