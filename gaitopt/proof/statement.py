@@ -9,6 +9,7 @@ import hashlib
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from importlib.metadata import packages_distributions, version
 from itertools import pairwise, product
 from math import isfinite
@@ -450,6 +451,12 @@ def _parameter_texts(
         equal = static == kinetic and INTERVAL not in static
         if not equal and not ball(kinetic) <= ball(static):
             raise ValueError(f"kinetic friction, {kinetic}, may be above static friction, {static}")
+    if problem.cycle_end != TOUCHDOWN or len(problem.cycle.steps) % 2:  # the doubles are the same
+        swapped = law.exchanged(system.walker.partners()) if system.walker.step_ends() else ()
+        for key, k in zip(law.parameters, swapped, strict=False):
+            one, other = texts[key], texts[law.parameters[k]]
+            if one != other and (INTERVAL in one + other or Fraction(one) != Fraction(other)):
+                raise ValueError(f"contacts that swap roles have different friction, {one} and {other}")
     return texts
 
 

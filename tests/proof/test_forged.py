@@ -31,8 +31,9 @@ from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.problem.source import parse_source
+from gaitopt.problem.writing import write_problem
 from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted
-from gaitopt.proof.certificate import parse_certificate, read_certificate, sha256
+from gaitopt.proof.certificate import SCHEMA, ProblemRecord, parse_certificate, read_certificate, sha256
 from gaitopt.proof.check import BRACKETED, MARGIN_CHANGES, MOTION, check, check_box, conclude
 from gaitopt.proof.claims import ProofClaim, _mode_at_rest, _time_window, mode_claim_names, zeros_after_impact
 from gaitopt.proof.law import ExactLaw
@@ -370,6 +371,21 @@ def test_kinetic_friction_is_not_above_static_friction():
     words = refusals(certificate)["statement"]
     assert "contradict each other: friction.static, friction.kinetic" in words
     assert "static" in words.partition("friction: ")[2]
+
+
+@pytest.mark.parametrize(("heel", "refused"), [("0.2650", False), ("0.26500000000000000000001", True)])
+def test_contacts_that_swap_roles_have_the_same_friction_in_all_digits(heel, refused):
+    """With different numbers a gait would not repeat after one step; their doubles are the same."""
+    each = f"friction: {{heel: 0.265, toe: 0.265, swing_heel: {heel}, swing_toe: 0.265}}"
+    text = load_problem("heel-toe-slip").text
+    assert "friction: 0.265\n" in text
+    problem = parse_problem(text.replace("friction: 0.265", each))
+    certificate = {"schema": SCHEMA, "problem": ProblemRecord.of(write_problem(problem)).model_dump(), "intervals": {}}
+    certificate |= {"designed": {}, "law": None, "reference": None, "varied": None, "special": None, "order": 20}
+    certificate |= {"arcs": [{"phase": k, "fractions": []} for k in range(len(problem.cycle.phases))], "boxes": []}
+    words = refusals(certificate)["statement"]
+    assert ("contacts that swap roles have different friction" in words) is refused
+    assert ("no boxes" in words) is not refused
 
 
 def test_decimals_may_be_long():
