@@ -8,6 +8,7 @@ which it may depend. An error is one sentence that names the class and the attri
 import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping
+from itertools import combinations
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -54,7 +55,7 @@ RESERVED = (
     "clearance",
     "painleve",
 )
-"""Words that have another meaning, and so cannot be names of stops, switches or actuators."""
+"""Words that have another meaning, and so cannot be names of stops, switches, sections or actuators."""
 MARGIN_NAMES = (
     "gap",
     "normal_force",
@@ -64,9 +65,11 @@ MARGIN_NAMES = (
     "regularity",
     "onset",
     "pull",
+    "breakpoint",
+    "clock",
 )
-"""Margins of a phase, in addition to those above, that cannot be names of stops or switches, because each of these
-gives its name to its margin."""
+"""Margins of a phase and events, in addition to those above, that cannot be names of stops, switches or sections,
+because each of these gives its name to its margin."""
 DERIVED = (
     "contact_names",
     "foot_modes",
@@ -523,13 +526,15 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
     taken = {*walker.phases} & {*names}
     if taken:
         yield f"phases names {', '.join(sorted(taken))}, which is a coordinate or a rate: rename it"
-    devices = (*walker.stops, *walker.switches)
-    if set(walker.stops) & set(walker.switches):
-        yield f"{', '.join(sorted(set(walker.stops) & set(walker.switches)))} is named by both stops and switches"
+    devices = (*walker.stops, *walker.switches, *walker.sections)
+    for first, second in combinations(("stops", "switches", "sections"), 2):
+        if twice := {*getattr(walker, first)} & {*getattr(walker, second)}:
+            yield f"{', '.join(sorted(twice))} is named by both {first} and {second}"
     yield from _contact_faults(walker) if walker.contacts else ()
     taken = ({*devices, *walker.actuators} & {*RESERVED}) | ({*devices} & {*MARGIN_NAMES})
     if taken:
-        yield f"{', '.join(sorted(taken))} has another meaning in problem files: rename the stop, switch or actuator"
+        words = "has another meaning in problem files: rename the stop, switch, section or actuator"
+        yield f"{', '.join(sorted(taken))} {words}"
 
 
 def _contact_faults(walker: type[Walker]) -> Iterator[str]:

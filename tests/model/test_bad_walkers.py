@@ -257,6 +257,11 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "one more actuator": (CompassBiped, {"actuators": ("a", "b", "c"), "tracked": ("theta1",) * 3}, "motors has 2"),
     "actuator called type": (CompassBiped, {"actuators": ("type", "hip")}, "type has another meaning"),
     **{f"stop called {m}": (KneedWalker, {"stops": (m,)}, f"{m} has another meaning") for m in PHASE_MARGINS},
+    **{
+        f"section called {m}": (KneedWalker, {"sections": (m,)}, f"{m} has another meaning")
+        for m in ("upright", "slip_velocity", "breakpoint", "clock")
+    },
+    "stop and section": (KneedWalker, {"sections": ("knee",)}, "knee is named by both stops and sections"),
     "stop and switch": (KneedWalker, {"switches": ("knee",)}, "knee is named by both stops and switches"),
     "unknown stop opens": (KneedWalker, {"open_in_impact": ("hip",)}, "open_in_impact names hip, which is not a stop"),
     "stops not declared": (KneedWalker, {"stops": ()}, "Mechanism.stops has knee, but stops are ()"),
