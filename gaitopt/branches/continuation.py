@@ -155,7 +155,7 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
         return isinstance(record, SpecialPoint) and record.type in TERMINAL
 
     def _end(self, seconds: float) -> SpecialPoint | None:
-        at_bound = self.request.reached(self.point.value) if self.index else None
+        at_bound = self.request.reached(self.point.value) if self.count > 1 else None
         reason = at_bound or self.request.exhausted(self.count, seconds)
         if reason is None:
             return None
@@ -272,6 +272,10 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
         there, status = (event.point, event.status) if located is None else (located[0], "converged")
         special = self._special(kind, there, status, reason)
         yield replace(special, before=before, after=after, next=(number,), contact=contact)
+        bound = self.request.crossed(there.value, successor.value)
+        at_bound = None if bound is None else successor.at_parameter(bound)
+        if at_bound is not None and min(monitor.value for monitor in at_bound.monitors.values()) > 0:
+            successor = at_bound  # the target is nearer than the distances at which a successor is tried
         self.point, self.branch, self.index = successor, number, 0
         self.length = min(FIRST_LENGTH, length)
         yield from self._point_records()

@@ -121,6 +121,13 @@ def test_every_point_is_a_gait_that_the_nlp_finds_too() -> None:
         assert alone.spectral_radius == pytest.approx(point.gait.spectral_radius, rel=0, abs=1e-7)
 
 
+def test_a_family_ends_at_a_target_that_is_nearer_to_a_change_than_any_successor_that_is_tried() -> None:
+    start, change = solved("compass-torque-impact-slip", friction=0.2322), 0.2322449179938
+    near = continuation(start, "friction", change + 1e-8, verify_every=0)
+    assert [special.type for special in near.specials] == ["impact_change", "end"]
+    assert near.points[-1].value == near.specials[-1].value == change + 1e-8
+
+
 @pytest.mark.parametrize("parameter", ["frictoin", "walker.slop", "control.hip"])
 def test_an_unknown_parameter_names_what_there_is(parameter: str) -> None:
     with pytest.raises(UnknownNameError, match="did you mean"):
