@@ -283,11 +283,12 @@ def _starts_at_rest(system: HybridSystem, sequence: Cycle, arcs: Sequence[OrbitA
 
     Any phase does but one after an impact with slip, and a flight that the fall of the normal force to zero, or the
     impact of a stop, explains. With one coefficient, forces of several contacts are unique at all times; with two, they
-    are unless a contact begins to slip.
+    are unless a contact at rest begins to slip or leaves the ground.
     """
     mode, impact, before = arcs[j].mode, sequence.impact_before(arcs[j].phase), arcs[j - 1]
     if not system.walker.stands_on_one():
-        return bool(_starts_phase(arcs, j) and system.friction.may_drop and _begun_slips(system, sequence, arcs[j]))
+        released = _begun_slips(system, sequence, arcs[j]) | _released(system, sequence, arcs, j)
+        return bool(_starts_phase(arcs, j) and system.friction.may_drop and released)
     if not mode.touching:
         touches, struck = before.mode.touching or before.event == LANDS, impact is not None and not impact.swaps
         return bool(_starts_phase(arcs, j) and touches and not struck and before.event != "normal_force")
@@ -299,6 +300,14 @@ def _begun_slips(system: HybridSystem, sequence: Cycle, arc: OrbitArc) -> set[st
     """The contacts of a phase that begin to slip from rest at its start."""
     slipping = (name for name, direction in arc.mode.directions.items() if direction)
     return {name for name in slipping if sequence.onset_order(arc.phase, name)}
+
+
+def _released(system: HybridSystem, sequence: Cycle, arcs: Sequence[OrbitArc], j: int) -> set[str]:
+    """The contacts at rest that leave the ground at the start of a phase, without an impact."""
+    before, struck = arcs[j - 1], system.transitions.struck(sequence, arcs[j - 1].phase)
+    if struck is not None and system.transitions.of_impact(struck, before.mode):
+        return set()
+    return {name for name in before.mode.touching if not before.mode.directions[name]} - {*arcs[j].mode.touching}
 
 
 def _margin_signs(orbit: Orbit, cycle: CycleEnclosure, j: int) -> dict[str, list[SignPart]]:
@@ -618,22 +627,18 @@ def _most_contacts_stick(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, N
     phase, whose motion would leave the cone.
     """
     arc, before, system = orbit.arcs[j], orbit.arcs[j - 1], orbit.system
-    begun = _begun_slips(system, orbit.sequence, arc)
-    resting = begun | {name for name in arc.mode.touching if not arc.mode.directions[name]}
+    begun, released = _begun_slips(system, orbit.sequence, arc), _released(system, orbit.sequence, orbit.arcs, j)
+    stay = {name for name in arc.mode.touching if not arc.mode.directions[name]}
+    resting, closed = begun | released | stay, arc.mode.with_states(dict.fromkeys(released, Mode.STICK))
     stuck = {name for name in before.mode.touching if not before.mode.directions[name]}
     at_edge = kind(before.event) in CONES and resting == stuck and before.mode.touching == arc.mode.touching
-    for other in modes_of_contacts(system, arc.mode):
+    for other in modes_of_contacts(system, closed):
         slips = {name for name in resting if name in other.touching and other.directions[name]}
         sticks = [name for name in resting if name in other.touching and not other.directions[name]]
         moves_on = all(
             other.contacts[name] in (arc.mode.contacts[name], OFF) for name in {*arc.mode.touching} - resting
         )
-        if (
-            slips == begun
-            or len(sticks) < len(resting - begun)
-            or not moves_on
-            or not is_possible(system.walker, other)
-        ):
+        if slips == begun or len(sticks) < len(stay) or not moves_on or not is_possible(system.walker, other):
             continue
         if not slips and at_edge:
             continue
@@ -643,11 +648,11 @@ def _most_contacts_stick(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, N
         for name, (force, rate, acceleration) in zip(system.transitions.margin_names(other), series, strict=True):
             what, contact = kind(name), contact_of(name)
             starts_wrongly = what == "slip_velocity" and contact in slips and rate < 0
-            sinks = what == "gap" and contact in arc.mode.touching and acceleration < 0
+            sinks = what == "gap" and contact in closed.touching and acceleration < 0
             impossible |= bool((what in GROUND_FORCES and force < 0) or starts_wrongly or sinks)
         if not impossible:
             raise NotProved(f"{other.brief}, in which as many contacts stick, is not shown to be inconsistent")
-    words = " and ".join(sorted(begun))
+    words = " and ".join(sorted(begun | released))
     return f"no other mode is consistent in which as many contacts stick: {words} cannot", None
 
 

@@ -11,9 +11,12 @@ from named import named  # noqa: E402
 
 from gaitopt import parse_problem, prove, solve  # noqa: E402
 from gaitopt.problem.statement import problem_data  # noqa: E402
+from gaitopt.problem.writing import write_problem  # noqa: E402
+from gaitopt.proof import claims  # noqa: E402
 from gaitopt.proof.arithmetic import PRECISION, ball  # noqa: E402
-from gaitopt.proof.certificate import sha256  # noqa: E402
+from gaitopt.proof.certificate import SCHEMA, ProblemRecord, read_certificate, sha256  # noqa: E402
 from gaitopt.proof.check import check  # noqa: E402
+from gaitopt.proof.statement import restore_statement  # noqa: E402
 
 CRAWLER = {"rear": {"static": 0.63, "kinetic": 0.6}, "front": {"static": 0.42, "kinetic": 0.4}}
 
@@ -77,3 +80,20 @@ def test_heel_and_toe_with_two_coefficients_are_proved():
     for key in ("period", "step_length"):
         assert abs(float(result.measures[key].mid()) - walk.measures[key]) < 1e-9, key
     assert check(json.loads(json.dumps(result.certificate))).proved
+
+
+@pytest.mark.slow
+def test_where_a_contact_leaves_the_ground_no_other_one_slips_instead():
+    """A heel leaves the ground: as many contacts would stick if it stayed and the heel of the other foot slipped."""
+    walk = named("flat-foot")
+    problem = parse_problem(json.dumps(problem_data(walk.problem) | {"friction": {"static": 1.2, "kinetic": 1.1}}))
+    certificate = {"schema": SCHEMA, "problem": ProblemRecord.of(write_problem(problem)).model_dump(), "intervals": {}}
+    certificate |= {"designed": {}, "law": None, "reference": None, "varied": None, "special": None, "order": 20}
+    certificate |= {"arcs": [{"phase": k, "fractions": []} for k in range(3)], "boxes": []}
+    with ctx.workprec(PRECISION):
+        statement = restore_statement(read_certificate(certificate))
+        names = claims.mode_claim_names(statement.system, statement.law, statement.cycle, statement.arcs)
+        assert [name.partition(",")[0] for name in names if name.endswith("mode at rest")] == ["arc 2"]
+        y = [flint.arb(float(value), 1e-9) for value in (*walk.arcs[1].states[0], walk.arcs[1].start)]
+        words, _ = claims._mode_at_rest(statement.orbit(()), 1, y)
+    assert words.endswith("swing_heel cannot")
