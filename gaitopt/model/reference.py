@@ -665,14 +665,14 @@ class CurveReference(Reference):
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Points that do not suit the degree, the bound or the joints, and keys that do not suit the argument."""
         points, start = self.curve.points, self.curve.start
+        if self.over_phase and self.curve.duration is not None:
+            yield ("curve", "duration"), "does not apply: curves of a phase variable have a span: [START, END]"
         if not self._over_law:
             yield from _argument_faults(self, walker, tuple(self.joints or ()), "joints")
             if self.curve.invariant:
                 yield ("curve", "invariant"), NOT_INVARIANT
             joints, words = self.followers(walker), "curves without curve.start need it"
-            if self.phase_variable and self.curve.duration is not None:
-                yield ("curve", "duration"), "does not apply: curves of a phase variable have a span: [START, END]"
-            elif start is None and points and self.phase_variable and self.span is None:
+            if start is None and points and self.phase_variable and self.span is None:
                 yield ("span",), f"is missing: {words}, the phase at the start and the end"
             elif start is None and points and not self.phase_variable and self.curve.duration is None:
                 yield ("curve", "duration"), f"is missing: {words} [s]"
@@ -702,7 +702,8 @@ class CurveReference(Reference):
     def given(self) -> Reference:
         """Bezier curves whose points are unknowns, if no start is needed; otherwise this reference.
 
-        Such curves have points of the right number and size, and a duration or a span. Others have faults to report.
+        Such curves have points of the right number and size, and either a duration or a span. Others have faults to
+        report.
         """
         curve, points, stated = self.curve, self.curve.points or {}, dict[str, object]()
         end: object = self.span if self.phase_variable else curve.duration
@@ -710,7 +711,8 @@ class CurveReference(Reference):
             stated = {"beyond_end": self.beyond_end}
             stated |= {"phase": self.phase, "span": end} if self.phase_variable else {"duration": end}
         right = (len(row) == curve.degree + 1 and max(map(abs, row)) <= curve.within for row in points.values())
-        is_given = curve.start is None and self.joints is None and points and all(right)
+        unused = (self.joints, curve.duration if self.over_phase else self.span)
+        is_given = curve.start is None and unused == (None, None) and points and all(right)
         if not is_given or not (self._over_law or (end and not curve.invariant)):
             return self
         stated |= {"bezier": self._unknown(points), "invariant": curve.invariant}

@@ -44,7 +44,7 @@ class Table(BaseModel):
         """The data of a table: its content, or that of columns of numbers by name."""
         if not isinstance(value, Mapping) or {*value} == {"file", "text"}:
             return value
-        columns = {str(name): np.asarray(column) for name, column in value.items()}
+        columns = {str(name): _array(column) for name, column in value.items()}
         for name, column in columns.items():
             if column.ndim != 1 or column.dtype.kind not in "iuf":
                 raise ValueError(
@@ -77,6 +77,13 @@ class Table(BaseModel):
     def decimals(self) -> Mapping[str, tuple[str, ...]]:
         """The numbers as texts of the file, with ``deg`` if their column has this unit; for errors see ``columns``."""
         return _columns(self)[1]
+
+
+def _array(column: Any) -> Array:
+    try:
+        return np.asarray(column)
+    except ValueError:  # a list of lists of different lengths
+        return np.asarray(None)
 
 
 @lru_cache(maxsize=32)

@@ -422,6 +422,7 @@ FREE, HELD, OFF = {"degree": 2, "duration": 1}, {"beyond_end": "hold"}, {"beyond
 FLAT = {"curve": {"degree": 2, "points": {"theta2": [0, 0, 0]}}}
 TIMED, LONG = {"t": [0, 1], "theta2": [0, 1]}, {"t": np.arange(80), "theta2": np.zeros(80)}
 PASSIVE, TORSO = {"gait": "compass-passive-b"}, {"gait": "torso-passive", "beyond_end": "hold"}
+THETA1 = {"phase": "theta1", "span": [0, 1]}
 OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2": "theta2"}}
 
 
@@ -453,6 +454,7 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         ({"table": 3}, ".table", "3 is not a path of a CSV file"),
         ({"table": {"t": [0, 1], "theta2": [0]}}, ".table", "the columns differ in length (t: 2, theta2: 1)"),
         ({"table": {"t": [0, 1], "theta2": "x"}}, ".table", "the column theta2 is not a list of numbers"),
+        ({"table": {"t": [0, 1], "theta2": [[0], [0, 1]]}}, ".table", "the column theta2 is not a list of numbers"),
         ({"table": {"t": [0, 1], "theta2": [0, 1]}}, ".beyond_end", "is missing: give linear, hold or off"),
         ({"table": {"theta1": [0, 1], "theta2": [0, 1]}, "phase": "theta1"}, ".degree", "is missing: a spline of"),
         ({"table": TIMED, "degree": 2, **OFF}, ".degree", "2 is too large: 2 rows determine at most 1"),
@@ -472,6 +474,8 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
             ".span",
             "is missing: curves without curve.start need it, the phase at the start",
         ),
+        ({"curve": {**FREE, **FLAT["curve"]}, "span": [0, 1], **HELD}, ".span", "does not apply to curves of time"),
+        ({"curve": {**FREE, **FLAT["curve"]}, **THETA1}, ".curve.duration", "does not apply: curves of a phase"),
         ({"curve": {**FREE, "points": {"theta2": [0, 0, 0.7]}}, **HELD}, ".curve.points.theta2[2]", "0.7 is outside"),
         ({"curve": {**FREE, "points": {"theta2": [0, 0]}}, **HELD}, ".curve.points.theta2", "of degree 2 has 3"),
         (
