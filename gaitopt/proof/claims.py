@@ -259,7 +259,7 @@ def _before_jump(orbit: Orbit, cycle: CycleEnclosure, j: int, name: str, parts: 
 
     Without that sign, a fall to zero just before the jump and the one at the end of the cycle would look like one fall.
     """
-    if orbit.struck(j) is None:
+    if not orbit.arcs[j].ends_phase or orbit.sequence.reset_after(orbit.arcs[j].phase) is None:
         return [*parts]
     margins = orbit.field(orbit.arcs[j].mode, j).margins(cycle.ends[j])[0]
     value = margins[orbit.system.transitions.margin_names(orbit.arcs[j].mode).index(name)]
