@@ -182,7 +182,7 @@ def resumable(records: Sequence[BranchRecord], exhausted: Exhausted) -> list[Bra
 
 
 def resumable_trace(records: Sequence[TraceRecord], exhausted: Exhausted) -> list[TraceRecord]:
-    """The records from which an unfinished trace is resumed: up to the walk that goes on."""
+    """The records from which an unfinished trace is resumed: up to the walk that continues."""
     kept = list[TraceRecord]()
     for walk in _by_target(records):
         again = _located_again(walk, exhausted)
@@ -195,7 +195,8 @@ def resumable_trace(records: Sequence[TraceRecord], exhausted: Exhausted) -> lis
 def _located_again(walk: Sequence[Any], exhausted: Exhausted) -> list[Any]:
     """The special points after the last point of a walk, the last one first, because they are located again.
 
-    None are if the walk is complete. An end at a limit of points or time is not final if more of them are allowed now.
+    There are none if the walk is complete. An end at a limit of points or time is not final if more of them are allowed
+    now.
     """
     points = sum(record["record"] == "point" for record in walk)
 

@@ -43,8 +43,9 @@ TRANSIENT, BLOCK, MOST_BLOCKS = 60, 40, 20
 """Number of steps after which the weighted walks no longer depend on their start, number of steps in a block, over
 which the falls are averaged, and largest number of blocks."""
 FEWEST_BLOCKS, EMPTY_BLOCKS, PRECISE = 4, 8, 0.15
-"""Number of blocks after which the search ends as soon as the logarithm of the mean is known to the precision
-``PRECISE``, and number of blocks without a fall after which it ends, or continues with a mesh."""
+"""After the first number of blocks, the search ends as soon as the logarithm of the mean is known to the precision
+``PRECISE``. Walks of equal weight give way to a mesh if they would need more than the second number of blocks for that,
+and a mesh ends after as many blocks without a fall."""
 WALKS, FEWEST_WALKS, MOST_CELLS = 2000, 4, 1000
 """Number of weighted walks, smallest number of walks in a cell, and largest number of cells."""
 WORST_STEPS = 100
@@ -123,6 +124,7 @@ def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: S
     z, under = np.tile(gait.state, (WALKS, 1)), random.random((WALKS, len(names)))
     w, group, n, first, cycle = _tile_weights(under), WALKS, 0, z, dynamics.steps_per_cycle
     w /= w.sum()
+    has_fallen = False
     for most_cells in (1, MOST_CELLS):  # if falls are frequent, equal weights give the smallest error
         falls, start = list[float](), n + TRANSIENT
         while not _is_enough(falls, most_cells == 1):
@@ -132,7 +134,7 @@ def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: S
             ahead = (strata.transpose(0, 2, 1).reshape(w.size, -1) + random.random((w.size, len(names)))) / group
             first = first if n % cycle else z
             outcomes = steps.step(n, z, tiles(under), tiles(ahead), first)
-            w, n = w * _tile_weights(ahead), n + 1
+            w, n, has_fallen = w * _tile_weights(ahead), n + 1, has_fallen or not outcomes.completed.all()
             falls += [float(w[~outcomes.completed].sum())] if n > start else []
             on = outcomes.completed & (w > SMALLEST_WEIGHT)
             if not on.any():
@@ -156,9 +158,9 @@ def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: S
         outcomes, k = steps.step(k, z, tiles(under), tiles(ahead), first), k + 1
         z, under, first = (each[outcomes.completed] for each in (outcomes.states, ahead, first))
     fell = f"{WALKS - len(z) or 'none'} of {WALKS} walks over {WORST_STEPS} tiles at the ends of the distributions fell"
-    rare = "extremely rare" if len(z) < WALKS else "impossible or extremely rare"
-    seen = f"no walk fell within {n} steps, although the rarest of {w.size} walks stood for one of {1 / w.min():.0e}"
-    return _unknown(f"{seen}: falls are {rare}; {fell}")
+    rare = "extremely rare" if has_fallen or len(z) < WALKS else "impossible or extremely rare"
+    rarest = f"although the rarest of {w.size} walks stood for one of {1 / w.min():.0e}"
+    return _unknown(f"no walk fell in the last {len(falls)} steps, {rarest}: falls are {rare}; {fell}")
 
 
 def _unknown(reason: str) -> dict[str, Any]:
