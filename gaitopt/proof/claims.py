@@ -24,7 +24,7 @@ from gaitopt.building import built_once
 from gaitopt.model.contacts import undetermined_groups
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.friction import Friction, ImpactLaw
-from gaitopt.model.modes import CONTACTS, OFF, Mode
+from gaitopt.model.modes import CONTACTS, FOOT, OFF, Mode
 from gaitopt.model.section import CLOCK, Section
 from gaitopt.model.section import TOUCHDOWN as TOUCHDOWN_END
 from gaitopt.model.system import HybridSystem
@@ -281,9 +281,9 @@ def _starts_phase(arcs: Sequence[OrbitArc], j: int) -> bool:
 def _starts_at_rest(system: HybridSystem, sequence: Cycle, arcs: Sequence[OrbitArc], j: int) -> bool:
     """Whether arc ``j`` starts a phase with a foot at rest that stands alone and has a mass.
 
-    Any phase does but one after an impact with slip, and a flight that the fall of the normal force to zero, or the
-    impact of a stop, explains. With one coefficient, forces of several contacts are unique at all times; with two, they
-    are unless a contact at rest begins to slip or leaves the ground.
+    Any phase does but one after an impact with slip, and a flight that the fall of the normal force to zero, without a
+    drag or a spring that ends, or the impact of a stop explains. With one coefficient, forces of several contacts are
+    unique at all times; with two, they are unless a contact at rest begins to slip or leaves the ground.
     """
     mode, impact, before = arcs[j].mode, sequence.impact_before(arcs[j].phase), arcs[j - 1]
     if not system.walker.stands_on_one():
@@ -291,7 +291,11 @@ def _starts_at_rest(system: HybridSystem, sequence: Cycle, arcs: Sequence[OrbitA
         return bool(_starts_phase(arcs, j) and system.friction.may_drop and released)
     if not mode.touching:
         touches, struck = before.mode.touching or before.event == LANDS, impact is not None and not impact.swaps
-        return bool(_starts_phase(arcs, j) and touches and not struck and before.event != "normal_force")
+        springs = system.expressions.eom.mechanism.potential_while
+        jumps = before.mode.slips and isinstance(system.friction, Friction) and system.friction.viscous is not None
+        jumps |= not system.walker.massless_feet and any(before.mode.has(name) != mode.has(name) for name in springs)
+        explained = struck or (before.event == "normal_force" and not jumps)
+        return bool(_starts_phase(arcs, j) and touches and not explained)
     rests = impact is None or impact.contact is Mode.STICK
     return bool(not system.walker.massless_feet and mode.touching and _starts_phase(arcs, j) and rests)
 
@@ -607,7 +611,9 @@ def _let_go(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
     masses f is then outside of the static cone, and the normal force of every slip is negative. A massless foot has no
     inertia: the ground would have to pull it.
     """
-    system, mode = orbit.system, orbit.arcs[j].mode
+    system, mode, before = orbit.system, orbit.arcs[j].mode, orbit.arcs[j - 1]
+    if before.event == "normal_force" and not _jumps_when_leaving(orbit, before.mode, mode, FOOT):
+        return "the normal force falls to zero, and the forces do not jump", None
     held = orbit.field(mode.with_contact(Mode.STICK), j)
     if system.walker.massless_feet:
         index = system.transitions.margin_names(held.mode).index("normal_force")

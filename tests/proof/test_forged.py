@@ -24,6 +24,7 @@ from gaitopt.errors import StorageError
 from gaitopt.model.control import NoControl
 from gaitopt.model.curve import BeyondEnd, Curve, continued
 from gaitopt.model.cycle import Cycle
+from gaitopt.model.friction import Friction
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -35,7 +36,14 @@ from gaitopt.problem.writing import write_problem
 from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted
 from gaitopt.proof.certificate import SCHEMA, ProblemRecord, parse_certificate, read_certificate, sha256
 from gaitopt.proof.check import BRACKETED, MARGIN_CHANGES, MOTION, check, check_box, conclude
-from gaitopt.proof.claims import ProofClaim, _mode_at_rest, _time_window, mode_claim_names, zeros_after_impact
+from gaitopt.proof.claims import (
+    ProofClaim,
+    _mode_at_rest,
+    _starts_at_rest,
+    _time_window,
+    mode_claim_names,
+    zeros_after_impact,
+)
 from gaitopt.proof.law import ExactLaw
 from gaitopt.proof.law_data import _steps, motion_claim
 from gaitopt.proof.orbit import Orbit
@@ -511,6 +519,28 @@ def test_a_slip_does_not_begin_where_static_friction_holds_the_foot():
     for event in ("thrust", "cone_backward"):
         with pytest.raises(Refuted, match="onset is -1"):
             begins(event)
+
+
+@pytest.mark.parametrize(
+    ("before", "event", "viscous", "examined"),
+    [
+        (Mode.STICK, "normal_force", "c", False),
+        (Mode.SLIP_FORWARD, "normal_force", None, False),
+        (Mode.SLIP_FORWARD, "normal_force", "c", True),  # the drag ends
+        (Mode.STICK, "breakpoint", None, True),
+        (Mode.FLIGHT, "touchdown", None, True),  # a foot that lands and leaves at once
+    ],
+)
+def test_a_flight_that_its_event_does_not_explain_is_examined(before, event, viscous, examined):
+    before, flight = (Hopper.released(mode) for mode in (before, Mode.FLIGHT))
+    sequence = Cycle.of_one_step((before, flight) if before.touching else (flight,), Mode.STICK)
+    arcs = [
+        SimpleNamespace(mode=before, event=event, phase=0),
+        SimpleNamespace(mode=flight, phase=1, event="touchdown"),
+    ]
+    arcs = arcs if before.touching else arcs[:1]
+    system = HybridSystem(Hopper, NoControl(), friction=Friction("friction", "friction", viscous))
+    assert _starts_at_rest(system, sequence, arcs, len(arcs) - 1) is examined
 
 
 def window(time, *, segment=0, breakpoints=(0.5, 0.7), horizon=None, event="touchdown", data=(1, 2, 3)):
