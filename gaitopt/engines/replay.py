@@ -23,14 +23,16 @@ from gaitopt.callbacks import Stop
 from gaitopt.engines.outcome import COMPLETED, Outcome, Simulator
 from gaitopt.engines.plant import Reference
 from gaitopt.engines.process import outcomes
-from gaitopt.errors import UnknownNameError
+from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.faults import shown
+from gaitopt.search.candidate import cycle_record
 from gaitopt.simulation.simulator import Simulator as WalkerSimulator
+from gaitopt.systems import problem_dynamics, solve_sequence
 
 ENGINES: Mapping[str, str] = {"mujoco": "mujoco", "drake": "pydrake", "pybullet": "pybullet", "siconos": "siconos"}
 """Adapters, and the packages that they import."""
@@ -54,6 +56,8 @@ NOTICED = 0.8
 """The error of the friction would be noticed if this part of its effect exceeds the bound of a difference."""
 SECOND_ORDER_RATIO = 0.25
 """Ratio of successive changes of a limit if halving the time step leaves smooth errors of second order."""
+SAME_PERIOD = 1e-9
+"""Two gaits are the same motion if their periods differ by less than this fraction, and one began with the other."""
 PAIRS = 3
 """Number of the finest pairs of time steps whose limits are compared."""
 
@@ -231,6 +235,28 @@ def friction_effect(gait: Gait) -> dict[str, float]:
     return effects
 
 
+def from_landing(gait: Gait, should_stop: Stop = None) -> Gait:
+    """The same motion with cycles from landing to landing, in which a replay begins, if feet swap within the cycle.
+
+    Raises
+    ------
+    ProblemError
+        If no gait from landing to landing is found that has the period of the gait.
+    """
+    swings = gait.cycle.swings
+    if not swings[-1]:
+        return gait
+    landed = [arc for step in gait.steps for arc in step.arcs][swings.index(1)]
+    opened = gait.problem.with_fixed(gait.dynamics.parameters).replace({"gait": {"phases": "auto"}})
+    dynamics = problem_dynamics(opened, should_stop=should_stop)
+    walk = WalkerSimulator(dynamics).run(landed.states[0], swings[-1])
+    if walk.ending is Ending.COMPLETED:
+        turned = solve_sequence(opened.with_gait(cycle_record(dynamics.system, walk.steps, "replay")))
+        if turned.period and gait.period and abs(turned.period / gait.period - 1) < SAME_PERIOD:
+            return turned
+    raise ProblemError(f"{gait.problem.name}: the motion of its cycle is not found from landing to landing")
+
+
 def replay(
     gait: Gait,
     simulator: type[Simulator],
@@ -240,6 +266,7 @@ def replay(
     should_stop: Stop = None,
 ) -> list[Replay]:
     """Replay a gait at every named setting and time step, the largest step first; see ``gaitopt.replay``."""
+    gait = from_landing(gait, should_stop)
     Reference(gait)  # raises an error here, before any process starts, if the engines cannot model the gait
     slip, effect = slip_paths(gait.steps), friction_effect(gait)
     return [

@@ -20,6 +20,7 @@ from pydantic import Field
 
 import gaitopt as go
 from gaitopt import Control, Gait, Instant, Mechanism, Problem, parse_problem
+from gaitopt.engines.replay import from_landing
 from gaitopt.errors import ProblemError
 from gaitopt.gait import curves
 from gaitopt.gait.impacts import impact_records
@@ -137,6 +138,9 @@ def test_a_section_in_mid_stride_has_the_period_and_the_multipliers_of_the_gait(
         assert gait.scalar(name) == pytest.approx(plain.scalar(name), rel=1e-10), name
     np.testing.assert_allclose(gait.multipliers, plain.multipliers, atol=1e-10)
     assert go.verify(gait).passed
+    turned = from_landing(gait)  # the cycle in which an engine replays it
+    assert turned.cycle == plain.cycle
+    assert turned.state == pytest.approx(plain.state, abs=1e-12)
 
 
 def test_a_cycle_with_a_landing_in_it_is_read_back_from_its_file_and_its_record(tmp_path: Path) -> None:
