@@ -210,6 +210,8 @@ def test_a_foot_on_which_the_ground_pushes_does_not_take_off():
         equations = replace(statement, arcs=divided).orbit(())
         for _ in range(3):
             centre, _ = newton_step(equations, centre)
+        pulled, _ = claims._mode_at_rest(equations, 2, [arb(value) for value in (-0.1, 0, 0, 0, 0, 0, 0)])
+        assert "a foot that is let go rises" in pulled  # by a spring that is extended
         radii = [f"{RADIUS * unit:.2e}" for unit in equations.unit_of_unknowns.tolist()]
         texts = [value.str(30, radius=False) for value in centre]
     certificate["arcs"] = arc_records(divided)
