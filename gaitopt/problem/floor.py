@@ -80,6 +80,7 @@ class Floor:
     def __post_init__(self) -> None:
         for name in QUANTITIES:
             given = getattr(self, name)
+            given = given.tolist() if isinstance(given, np.ndarray) else given
             if isinstance(given, str) or not isinstance(given, Iterable | Real):
                 raise ProblemError(f"floor.{name}: {shown(given)} is neither a number nor a list of numbers")
             values = (given,) if isinstance(given, Real) else tuple(given)

@@ -160,6 +160,7 @@ def test_the_text_the_table_and_the_lists_of_a_floor_agree(tmp_path):
     assert Floor.parse("friction=0.2, 0.13x2, 0.2/0.15; slope=0, 1 deg") == floor
     assert [Floor.read(table).tile(n) for n in range(6)] == [floor.tile(n) for n in range(6)]
     assert Floor.from_record(floor.to_record()) == floor
+    assert Floor(friction=np.array(0.2), height=np.zeros(2)) == Floor(friction=0.2, height=[0, 0])
 
 
 def test_a_longer_random_floor_begins_as_the_shorter_one():
