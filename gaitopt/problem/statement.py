@@ -7,6 +7,7 @@ them by dotted key, and their SHA-256 identifies the problem.
 import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -494,8 +495,14 @@ def override(
     return place
 
 
-POINTS = ("control.reference.bezier.", "control.reference.")
-"""Text before the name of the joint in the key of a control point in a file, and in the key of its parameter."""
+def parameter_key(key: str) -> str:
+    """The key of the parameter that is a control point, control.reference.JOINT.K, in place of its key in a file."""
+    return re.sub(r"^(control\.[^.]+\.)bezier\.", r"\1", key)
+
+
+def point_key(key: str) -> str:
+    """The key of a control point in a file, control.reference.bezier.JOINT.K, in place of that of its parameter."""
+    return re.sub(r"^(control\.[^.]+\.)", r"\1bezier.", key)
 
 
 def _path(key: str, data: Mapping[str, Any]) -> Key:
@@ -508,7 +515,7 @@ def _path(key: str, data: Mapping[str, Any]) -> Key:
     if first not in ("constraints", "objective", "over", "at") or not rest:
         path, section = list[str | int](), cast(Any, data)
         for name in (first, *rest):
-            if path == ["control", "reference"] and isinstance(section, dict) and name not in section:
+            if path[:-1] == ["control"] and isinstance(section, dict) and name not in section:
                 points = section.get("bezier")
                 if isinstance(points, dict) and name in points:
                     path, section = [*path, "bezier"], points
@@ -577,7 +584,7 @@ def changed_values(before: Mapping[str, Any], after: Mapping[str, Any], above: s
             changed += changed_values(one, other, f"{above}{key}.")
         elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
             ours, theirs = ({str(k): entry for k, entry in enumerate(values)} for values in (one, other))
-            changed += changed_values(ours, theirs, f"{above}{key}.".replace(*POINTS))
+            changed += changed_values(ours, theirs, parameter_key(f"{above}{key}."))
         elif one != other and (above or key not in ("name", "about")):
             changed.append(f"{above}{key}")
     return changed

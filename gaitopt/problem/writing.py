@@ -19,7 +19,15 @@ from gaitopt.model.units import ANGLE_UNITS
 from gaitopt.problem.faults import Fault, FilePlace, Key, raise_faults, shown
 from gaitopt.problem.problem import Controls, Problem, Walkers, build_problem, passed_classes
 from gaitopt.problem.source import parse_source
-from gaitopt.problem.statement import POINTS, changed_values, file_entries, override, problem_data, reference_keys
+from gaitopt.problem.statement import (
+    changed_values,
+    file_entries,
+    override,
+    parameter_key,
+    point_key,
+    problem_data,
+    reference_keys,
+)
 
 DECIMAL = r"[+-]?([0-9]{1,4000}\.?[0-9]{0,4000}|\.[0-9]{1,4000})([eE][+-]?[0-9]{1,3})?"
 YAML_WIDTH = 110
@@ -186,8 +194,7 @@ def _with_changes(problem: Problem) -> ProblemText | None:
 
 def _at(data: Any, key: str) -> Any:
     """The value of a dotted key; None if there is none."""
-    file_key, parameter_key = POINTS
-    for form in (key, key.replace(parameter_key, file_key)):
+    for form in (key, point_key(key)):
         value = data
         for name in form.split("."):
             if isinstance(value, list) and name.isdecimal() and int(name) < len(value):
@@ -227,7 +234,7 @@ class ExactValues:
             written = {k: text for k, text in written.items() if k != key and not k.startswith(f"{key}.")}
             written |= dict(_leaves(key, value))
         spaced = {key: re.sub(r"\s*(deg|rad)$", r" \1", text.strip()) for key, text in written.items()}
-        self._written = {key.replace(*POINTS): text for key, text in spaced.items()}
+        self._written = {parameter_key(key): text for key, text in spaced.items()}
 
     def __call__(self, key: str, value: float) -> str:
         """The text of the number with this key, ``0.14`` or ``1 deg``, if it stands for the double ``value``.

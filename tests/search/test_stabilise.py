@@ -12,7 +12,9 @@ from gaitopt.errors import ProblemError, SolveError, StorageError
 from gaitopt.model.curve import bernstein_matrix
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.hopper import Hopper
+from gaitopt.problem.problem import restore_problem
 from gaitopt.problem.statement import problem_data
+from gaitopt.problem.writing import ExactValues, write_problem
 from gaitopt.search.joint_curves import CLOCK, Joints, invariant_curves, tracked_curves
 
 MOTORS = ("stance_hip", "stance_knee", "swing_hip", "swing_knee")
@@ -253,6 +255,14 @@ gait: {phases: auto}
 def test_a_second_reference_needs_two_steps_and_differs_in_its_control_points_only():
     opened = go.parse_problem(TWO_STEPS)
     assert opened.modes.steps == 2
+    key = "control.other_reference.theta2.1"
+    changed = opened.replace({key: 0.25})
+    assert changed.parameters[key] == 0.25
+    assert changed.parameters["control.reference.theta2.1"] == 0.1
+    assert restore_problem(changed.resolved()).digest == changed.digest
+    text = write_problem(changed)
+    assert text.changes == {key: 0.25}
+    assert ExactValues(text)(key, 0.25) == "0.25"
     with pytest.raises(ProblemError, match="other_reference: applies in every second step"):
         opened.replace({"gait": {"phases": ["stick"], "impact": "stick", "guess": {"state": {"theta1": -0.2}}}})
     with pytest.raises(ProblemError, match="other_reference: differs from the reference in more than its control po"):
