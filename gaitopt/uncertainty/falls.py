@@ -13,11 +13,13 @@ the mesh contain weighted walks instead, so that a cell may represent one walk o
 
     step         each walk takes a step, and lands on a tile of its own
     fall         1 - eigenvalue = the weight of the walks that fall; they are removed, and the rest is scaled to one
-    resampling   in each cell, equally many walks are drawn from its walks, and share the weight of the cell equally
+    resampling   in each cell, walks are drawn from its walks, and share the weight of the cell equally
 
 With many walks the result is right for every mesh; a good one only makes it precise. Huber & Kim (1996), Biophysical
-J. 70, 97-110; Zhang, Jasnow & Zuckerman (2010), J. Chem. Phys. 132, 054107. Tiles near the ends of their distribution
-are drawn more often, with smaller weights.
+J. 70, 97-110; Zhang, Jasnow & Zuckerman (2010), J. Chem. Phys. 132, 054107. A cell with much weight has more walks, so
+that no walk has much of it. Walks with little weight land more often on tiles near the ends of their distribution, and
+lose weight by it. The others do not: resampling would replace walks by copies of others in every step, and after the
+steps in which a fall develops many walks would have one ancestor, and fall together.
 """
 
 from typing import Any
@@ -44,10 +46,16 @@ TRANSIENT, BLOCK, MOST_BLOCKS = 60, 40, 20
 which the falls are averaged, and largest number of blocks."""
 FEWEST_BLOCKS, EMPTY_BLOCKS, PRECISE = 4, 8, 0.15
 """After the first number of blocks, the search ends as soon as the logarithm of the mean is known to the precision
-``PRECISE``. Walks of equal weight give way to a mesh if they would need more than the second number of blocks for that,
-and a mesh ends after as many blocks without a fall."""
+``PRECISE``, or continues with a mesh if falls are rare. It ends after the second number of blocks without a fall."""
 WALKS, FEWEST_WALKS, MOST_CELLS = 2000, 4, 1000
 """Number of weighted walks, smallest number of walks in a cell, and largest number of cells."""
+FEWEST_FALLS = 50
+"""Number of falls that walks of equal weight must be expected to see in all blocks; if they see fewer, the search
+continues with a mesh."""
+HEAVY = 0.4 / WALKS
+"""Walks with more weight land on tiles as often as these occur. The blocks of a rimless wheel that falls once in 1.8e7
+steps then have a standard deviation of 0.8 times their mean; with a limit of 5e-5 it is 1.0 times, and with one of 1e-6
+2.6 times."""
 WORST_STEPS = 100
 """If no walk falls, walks take this number of steps over tiles at the ends of their distributions."""
 CELL, WIDER, WIDE, LEVELS = 0.3, 1.1, 4.0, 8
@@ -110,6 +118,8 @@ def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: S
     All three are None, with a ``reason``, if no walk falls, if all fall at once, for a section with more than four
     coordinates, and without batches, which need heyoka and a walker on one foot.
     """
+    from scipy.special import betaincinv  # the inverse of the shares of ``tiles``
+
     n_xi, dynamics, names = len(gait.system.section(gait.cycle).names), gait.dynamics, tuple(floor.spreads)
     if n_xi > MOST_COORDINATES:
         return _unknown(f"the section has {n_xi} coordinates, but a mesh fills at most {MOST_COORDINATES}")
@@ -121,29 +131,31 @@ def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: S
         shares = s**3 * (10 + s * (6 * s - 15))  # weight of a tile: derivative of its share by s
         return {name: floor.spreads[name].quantiles(shares[:, k], BOUNDS[name][0]) for k, name in enumerate(names)}
 
-    z, under = np.tile(gait.state, (WALKS, 1)), random.random((WALKS, len(names)))
-    w, group, n, first, cycle = _tile_weights(under), WALKS, 0, z, dynamics.steps_per_cycle
-    w /= w.sum()
-    has_fallen = False
-    for most_cells in (1, MOST_CELLS):  # if falls are frequent, equal weights give the smallest error
+    z, under = np.tile(gait.state, (WALKS, 1)), betaincinv(3, 3, random.random((WALKS, len(names))))
+    w, cells = np.full(WALKS, 1 / WALKS), np.zeros(WALKS, dtype=np.intp)
+    n, first, cycle, has_fallen = 0, z, dynamics.steps_per_cycle, False
+    for most_cells in (1, MOST_CELLS):  # unless falls are rare, equal weights give the smallest error
         falls, start = list[float](), n + TRANSIENT
         while not _is_enough(falls, most_cells == 1):
             if should_stop is not None and should_stop():
                 raise KeyboardInterrupt
-            strata = random.permuted(np.tile(np.arange(group), (len(w) // group, len(names), 1)), axis=2)
-            ahead = (strata.transpose(0, 2, 1).reshape(w.size, -1) + random.random((w.size, len(names)))) / group
+            orders = [np.lexsort((random.random(w.size), cells)) for _ in names]
+            ahead = np.stack([_strata(cells, random.random(w.size), order) for order in orders], axis=1)
+            heavy = w > HEAVY
+            ahead[heavy] = betaincinv(3, 3, ahead[heavy])  # as often as they occur
             first = first if n % cycle else z
             outcomes = steps.step(n, z, tiles(under), tiles(ahead), first)
-            w, n, has_fallen = w * _tile_weights(ahead), n + 1, has_fallen or not outcomes.completed.all()
+            w, n = np.where(heavy, w, w * _tile_weights(ahead)), n + 1
+            has_fallen = has_fallen or not outcomes.completed.all()
             falls += [float(w[~outcomes.completed].sum())] if n > start else []
             on = outcomes.completed & (w > SMALLEST_WEIGHT)
             if not on.any():
                 return _unknown("all walks fall at once")
             z, under, first, w = outcomes.states[on], ahead[on], first[on], w[on] / w[on].sum()
-            at, w, group = _resampled(_cells(z / dynamics.state_units, under, w, most_cells), w, random)
+            at, w, cells = _resampled(_cells(z / dynamics.state_units, under, w, most_cells), w, random)
             z, under, first = z[at], under[at], first[at]
         share, error = _share(falls)
-        if error <= PRECISE:
+        if not _are_rare(falls):
             break
     if share:
         ends = [float(np.exp(sign * error)) / share for sign in (-1, 1)]
@@ -172,14 +184,18 @@ def _tile_weights(s: Array) -> Array:
 
 
 def _is_enough(falls: list[float], has_mesh_left: bool) -> bool:
-    """Whether the blocks suffice, or walks of equal weight would need more of them than are worth while."""
+    """Whether the blocks suffice, or walks of equal weight would see too few falls."""
     blocks = len(falls) // BLOCK
     if len(falls) % BLOCK or blocks < FEWEST_BLOCKS:
         return False
     share, error = _share(falls)
-    most = MOST_BLOCKS if share and not has_mesh_left else EMPTY_BLOCKS
-    needed = blocks * (error / PRECISE) ** 2
-    return error <= PRECISE or blocks >= most or (has_mesh_left and needed > most)
+    most = MOST_BLOCKS if share else EMPTY_BLOCKS
+    return error <= PRECISE or blocks >= most or (has_mesh_left and _are_rare(falls))
+
+
+def _are_rare(falls: list[float]) -> bool:
+    """Whether walks of equal weight would see few falls in all blocks, by the first of their blocks."""
+    return float(np.mean(falls[: FEWEST_BLOCKS * BLOCK])) * WALKS * BLOCK * MOST_BLOCKS < FEWEST_FALLS
 
 
 def _share(falls: list[float]) -> tuple[float, float]:
@@ -210,14 +226,34 @@ def _cells(y: Array, s: Array, w: Array, most: int) -> NDArray[np.intp]:
         size *= WIDER
 
 
-def _resampled(cells: NDArray[np.intp], w: Array, random: np.random.Generator) -> tuple[NDArray[np.intp], Array, int]:
-    """The walks that continue, cell by cell, their weights, and the number of walks in a cell."""
+def _resampled(
+    cells: NDArray[np.intp], w: Array, random: np.random.Generator
+) -> tuple[NDArray[np.intp], Array, NDArray[np.intp]]:
+    """The walks that continue, cell by cell, their weights, and their cells.
+
+    A cell has more walks if it has much weight, so that no walk has much of it.
+    """
     totals = np.bincount(cells, w)
     count, order = totals.size, np.argsort(cells, kind="stable")
-    group = max(FEWEST_WALKS, WALKS // count)
+    more = WALKS / 2 if count > 1 else 0
+    sizes = max(FEWEST_WALKS, WALKS // count) + np.rint(more * totals).astype(np.intp)
     up_to = np.cumsum(w[order] / totals[cells[order]])
     last = np.cumsum(np.bincount(cells)) - 1
     up_to[last] = np.arange(1, count + 1)  # without rounding
-    at = np.arange(count)[:, None] + (np.arange(group) + random.random((count, 1))) / group
-    chosen = order[np.searchsorted(up_to, at.ravel(), side="right").clip(max=w.size - 1)]
-    return chosen, np.repeat(totals / group, group), group
+    of = np.repeat(np.arange(count), sizes)
+    at = of + _strata(of, random.random(count)[of], np.arange(of.size))
+    chosen = order[np.searchsorted(up_to, at, side="right").clip(max=w.size - 1)]
+    return chosen, (totals / sizes)[of], of
+
+
+def _strata(cells: NDArray[np.intp], within: Array, order: NDArray[np.intp]) -> Array:
+    """Numbers from 0 to 1, one in each of as many equal intervals as a cell has walks, for the sorted ``cells``.
+
+    Parameters
+    ----------
+    within : ndarray, shape (m,) - part of its interval at which the number of a walk lies.
+    order : the walks cell by cell, in the order of their intervals.
+    """
+    sizes, place = np.bincount(cells), np.empty(cells.size)
+    place[order] = np.arange(cells.size)
+    return np.asarray((place - (np.cumsum(sizes) - sizes)[cells] + within) / sizes[cells])

@@ -221,6 +221,17 @@ def test_falls_of_two_seeds_and_the_metastable_eigenvalue_agree(tmp_path):
     assert intervals[1][0] < intervals[0][1]
 
 
+@needs_heyoka
+@pytest.mark.slow
+def test_weighted_walks_are_precise_where_plain_walks_seldom_fall():
+    """The test takes two minutes of one core."""
+    floor = RandomFloor.parse("friction=0.1372:0.1428", 1)
+    low, high = metastable(named("compass-passive-a"), floor, ENGINE)["interval"]
+    assert 1 < high / low < 2.5
+    assert low < 18_390  # the interval of plain walks, with 74 falls in 987,935 steps
+    assert high > 9_960
+
+
 class WheelOnSteps:
     """Steps of a wheel over tiles of other heights in closed form, in place of those of the simulator.
 
@@ -297,6 +308,21 @@ def test_a_mesh_has_at_most_the_allowed_number_of_cells(coordinates, quantities)
     assert falls_module.MOST_CELLS / 4 < cells.max() + 1 <= falls_module.MOST_CELLS
 
 
+def test_resampling_keeps_the_weight_of_each_cell_and_no_walk_has_much_of_it():
+    random, walks = np.random.default_rng(1), falls_module.WALKS
+    cells, weights = np.arange(walks) // 4, 10 ** random.uniform(-20, 0, walks)
+    weights /= weights.sum()
+    chosen, shares, of = falls_module._resampled(cells, weights, random)
+    assert (cells[chosen] == of).all()
+    assert np.bincount(of, shares) == pytest.approx(np.bincount(cells, weights), rel=1e-12)
+    assert np.bincount(of).min() >= falls_module.FEWEST_WALKS
+    assert shares.max() < 2 / walks
+    strata = falls_module._strata(of, random.random(of.size), np.lexsort((random.random(of.size), of)))
+    sizes = np.bincount(of)
+    intervals = np.floor(strata * sizes[of]) + (np.cumsum(sizes) - sizes)[of]
+    assert np.unique(intervals).size == of.size
+
+
 @needs_heyoka
 def test_an_eigenvalue_that_is_not_known_has_a_reason(monkeypatch):
     monkeypatch.setattr(falls_module, "TRANSIENT", 0)
@@ -305,6 +331,7 @@ def test_an_eigenvalue_that_is_not_known_has_a_reason(monkeypatch):
     found = metastable(closed_form.gait, RandomFloor.parse("height=-0.001:0.001"), ENGINE)
     assert found["eigenvalue"] is None
     assert "falls are impossible or extremely rare; none of 2000 walks over 100 tiles at the ends" in found["reason"]
+    monkeypatch.setattr(falls_module, "TRANSIENT", 10)
     monkeypatch.setattr(falls_module, "MOST_CELLS", 1)  # by which falls are missed that are one of 1e7
     found = metastable(closed_form.gait, RandomFloor.parse("height=-0.045:0.045"), ENGINE)
     assert "falls are extremely rare; " in found["reason"]
