@@ -30,9 +30,9 @@ from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.faults import shown
-from gaitopt.search.candidate import cycle_record
+from gaitopt.search.solve import solve_walk
 from gaitopt.simulation.simulator import Simulator as WalkerSimulator
-from gaitopt.systems import problem_dynamics, solve_sequence
+from gaitopt.systems import problem_dynamics
 
 ENGINES: Mapping[str, str] = {"mujoco": "mujoco", "drake": "pydrake", "pybullet": "pybullet", "siconos": "siconos"}
 """Adapters, and the packages that they import."""
@@ -249,11 +249,9 @@ def from_landing(gait: Gait, should_stop: Stop = None) -> Gait:
     landed = [arc for step in gait.steps for arc in step.arcs][swings.index(1)]
     opened = gait.problem.with_fixed(gait.dynamics.parameters).replace({"gait": {"phases": "auto"}})
     dynamics = problem_dynamics(opened, should_stop=should_stop)
-    walk = WalkerSimulator(dynamics).run(landed.states[0], swings[-1])
-    if walk.ending is Ending.COMPLETED:
-        turned = solve_sequence(opened.with_gait(cycle_record(dynamics.system, walk.steps, "replay")))
-        if turned.period and gait.period and abs(turned.period / gait.period - 1) < SAME_PERIOD:
-            return turned
+    turned = solve_walk(dynamics, opened, landed.states[0], swings[-1], should_stop=should_stop)
+    if turned is not None and turned.period and gait.period and abs(turned.period / gait.period - 1) < SAME_PERIOD:
+        return turned
     raise ProblemError(f"{gait.problem.name}: the motion of its cycle is not found from landing to landing")
 
 

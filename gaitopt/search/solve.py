@@ -9,9 +9,11 @@ All other problems are solved from their guess.
 
 from functools import lru_cache
 
+from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.gait import Attractor, Gait, Status
+from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.rules import lacks_energy
 from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
@@ -98,11 +100,34 @@ def solve_attractor(
     if problem.free:
         raise ProblemError(f"{problem.name} has free parameters: compute the basin of its gait, which has their values")
     dynamics = problem_dynamics(problem, should_stop=should_stop)
-    simulator, n_steps = Simulator(dynamics), attractor.period * dynamics.steps_per_cycle
     section = problem.map_section
     start = section.lift(attractor.state, dynamics.p) if section.stated else attractor.state
-    walked = simulator.run(start, n_steps).steps
-    if len(walked) < n_steps or walked[-1].impact is None:
+    n_steps = attractor.period * dynamics.steps_per_cycle
+    gait = solve_walk(dynamics, problem, start, n_steps, method=method, progress=progress, should_stop=should_stop)
+    if gait is None:
         raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
-    guessed = problem.with_gait(cycle_record(dynamics.system, walked, "attractor"))
+    return gait
+
+
+def solve_walk(
+    dynamics: Dynamics,
+    problem: Problem,
+    start: Array,
+    n_steps: int,
+    *,
+    method: Method = Method.AUTO,
+    progress: Valued = None,
+    should_stop: Stop = None,
+) -> Gait | None:
+    """The gait with the modes that the simulator walks from a state just after an impact; None if it does not walk on.
+
+    Parameters
+    ----------
+    start : ndarray, shape (n_z,) - the state.
+    n_steps : number of steps of the cycle.
+    """
+    walked = Simulator(dynamics).run(start, n_steps).steps
+    if len(walked) < n_steps or walked[-1].impact is None:
+        return None
+    guessed = problem.with_gait(cycle_record(dynamics.system, walked, "walk"))
     return solve_sequence(guessed, method=method, progress=progress, should_stop=should_stop)
