@@ -75,6 +75,11 @@ class Metric:
         """Scales of the state, period and spans, that of the last parameter at the end; shape (n_z + 1 + n_free,)."""
         return np.array([*self.state, self.period, *self.others, self.span])
 
+    @property
+    def in_first(self) -> "Metric":
+        """The metric of families in the first parameter alone."""
+        return replace(self, others=(), span=self.others[0])
+
     def distance(self, first: Array, second: Array) -> float:
         """Largest scaled difference of two states after impact."""
         return float(np.abs((first - second) / self.state).max())

@@ -211,10 +211,9 @@ def doubled_fold(point: CurvePoint) -> CurveStart | None:
     then it is moved to the fold, with the same difference x between its halves.
     """
     curve, (first, second) = point.curve, point.at.equations.free
-    plain = replace(curve.metric, others=(), span=curve.metric.others[0])
     for distance in HALVES_APART[::-1]:
         try:
-            for doubled in doubled_beginnings(point.gait, first, plain, (distance,)):
+            for doubled in doubled_beginnings(point.gait, first, curve.metric.in_first, (distance,)):
                 motion = retraced(doubled.gait)
                 folds, w = curve_through(
                     doubled.problem, second, curve.metric, motion, others=(first,), condition=Eigenvalue(1.0)
@@ -491,7 +490,6 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
                 words = "the two multipliers meet and become real: beyond lie neutral saddles"
                 yield replace(self._special("end", location.point, reason=words), codimension=2)
                 return
-
         yield from self._past_bifurcations(here, point, length)
 
     def _beginning(self, name: str, gait: Gait, local: LocalMap, kappa: float) -> tuple[CurveStart, ...]:
@@ -637,8 +635,7 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
 
     def _in_first(self, gait: Gait) -> CurvePoint:
         """A gait on the family in the first parameter, which crosses a margin."""
-        metric = replace(self.metric, others=(), span=self.metric.others[0])
-        return first_point(replace(gait, shooting=None), self.first, metric, 1.0)
+        return first_point(replace(gait, shooting=None), self.first, self.metric.in_first, 1.0)
 
     def _other_sequence(self, point: CurvePoint) -> Cycle | None:
         """The mode sequence on the other side of the margin, if the multipliers jump there."""

@@ -1,6 +1,5 @@
 """Open-loop torques of walkers that fly, stand on massless feet, take several steps, or have several contacts."""
 
-from dataclasses import replace
 from math import pi, sin
 from types import SimpleNamespace
 from typing import Any
@@ -8,35 +7,12 @@ from typing import Any
 import pytest
 from casadi import SX, cos, vertcat
 from casadi import sin as sine
+from driven_walkers import DrivenHeelToe, DrivenHopper
 
 import gaitopt as go
 from gaitopt import Walker
 from gaitopt.design.neighbourhood import neighbourhood
 from gaitopt.model.mechanism import Body, Mechanism, inclined, polar
-from gaitopt.model.walkers.heel_toe import HeelToe
-from gaitopt.model.walkers.hopper import Hopper
-
-
-class DrivenHopper(Hopper):
-    """The hopper with a motor in its leg."""
-
-    model = "driven_hopper"
-    actuators = ("leg_motor",)
-
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        return replace(super().mechanism(q, p), motors=(q.shortening,))
-
-
-class DrivenHeelToe(HeelToe):
-    """The walker on heels and toes with motors at the stance ankle and at the hip."""
-
-    model = "driven_heel_toe"
-    actuators = ("ankle", "hip")
-
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        return replace(super().mechanism(q, p), motors=(q.theta1, q.theta1 + q.theta2))
 
 
 class TowedRunner(Walker):

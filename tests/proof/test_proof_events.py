@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from casadi import sin
 from certificates import certificate_of, failed, negated, proof, refusals, reworded
+from driven_walkers import DrivenHopper
 from flint import acb, arb, ctx
 from jumping import PUSH, SLIPPING, STATE, Staircase
 from named import named
@@ -20,7 +21,6 @@ from rich.console import Console
 from gaitopt import Fixed, Walker, load_problem, parse_problem, prove, solve
 from gaitopt.model.control import Control
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.problem.statement import problem_data
 from gaitopt.problem.writing import write_problem
 from gaitopt.proof import claims, orbit
@@ -152,17 +152,6 @@ def test_a_hopper_with_another_thrust_or_sequence_is_refused():
     refusals(reworded(certificate_of("hopper"), ("{mode: flight, leg: locked", "{mode: flight, leg: free")))
 
 
-class MotorHopper(Hopper):
-    """The hopper with a motor in its leg."""
-
-    model = "motor_hopper"
-    actuators = ("motor",)
-
-    @classmethod
-    def mechanism(cls, q, p):
-        return replace(super().mechanism(q, p), motors=(q.shortening,))
-
-
 class Idle(Control):
     """A motor at rest, and a breakpoint at which nothing happens."""
 
@@ -174,7 +163,7 @@ class Idle(Control):
         return (self.time,)
 
     def torques(self, now):
-        return {"motor": 0 * now.r[0]}
+        return {"leg_motor": 0 * now.r[0]}
 
     def data(self, segment):
         return np.array([float(segment)])
@@ -194,13 +183,13 @@ def test_a_foot_on_which_the_ground_pushes_does_not_take_off():
     phases = [{"mode": "stick", "leg": "free", "thrust": "off"}, *({"mode": m, **free} for m in ("stick", "flight"))]
     data = problem_data(load_problem("hopper"))
     data["gait"] = data["gait"] | {"phases": [*phases, locked]}
-    data |= {"walker": data["walker"] | {"model": "motor_hopper"}, "control": {"type": "idle", "time": 0.136443}}
-    problem = parse_problem(json.dumps(data), walkers=[MotorHopper], controls=[Idle])
+    data |= {"walker": data["walker"] | {"model": "driven_hopper"}, "control": {"type": "idle", "time": 0.136443}}
+    problem = parse_problem(json.dumps(data), walkers=[DrivenHopper], controls=[Idle])
     certificate = {"schema": SCHEMA, "problem": ProblemRecord.of(write_problem(problem)).model_dump(), "intervals": {}}
     certificate |= {"designed": {}, "law": None, "reference": None, "varied": None, "special": None, "order": 20}
     certificate |= {"arcs": [{"phase": k, "fractions": [], "timed": k == 1} for k in range(4)], "boxes": []}
     with ctx.workprec(PRECISION):
-        statement = restore_statement(read_certificate(certificate), [MotorHopper], [Idle])
+        statement = restore_statement(read_certificate(certificate), [DrivenHopper], [Idle])
         times = np.cumsum((0, *durations)).tolist()
         arcs = [
             SimpleNamespace(states=[np.array([s, y, 0, ds, dy, 0])], start=start, duration=duration)
@@ -216,7 +205,7 @@ def test_a_foot_on_which_the_ground_pushes_does_not_take_off():
         texts = [value.str(30, radius=False) for value in centre]
     certificate["arcs"] = arc_records(divided)
     certificate["boxes"] = [{"interval": [], "centre": texts, "tilt": ["0"] * len(texts), "radii": radii}]
-    result = check(json.loads(json.dumps(certificate)), walkers=[MotorHopper], controls=[Idle])
+    result = check(json.loads(json.dumps(certificate)), walkers=[DrivenHopper], controls=[Idle])
     assert failed(result).keys() == {"arc 3, flight, leg free, thrust on: mode at rest", "touchdown"}, failed(result)
 
 

@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from driven_walkers import DrivenHeelToe, DrivenHopper
 from named import named as gait
 
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, StorageError
 from gaitopt.model.curve import bernstein_matrix
-from gaitopt.model.walkers.heel_toe import HeelToe
-from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.problem.problem import restore_problem
 from gaitopt.problem.statement import problem_data
 from gaitopt.problem.writing import ExactValues, write_problem
@@ -281,30 +280,6 @@ def test_a_walk_that_tracks_two_motions_is_found_and_settles():
         assert go.solve(attractor, progress=False).period == pytest.approx(made.gait.period, rel=1e-9)
     found = go.find(made.problem, starts=1, steps=2, workers=1, progress=False)
     assert made.gait.period in [pytest.approx(each.period, rel=1e-9) for each in found]
-
-
-class DrivenHopper(Hopper):
-    """The hopper with a motor in its leg."""
-
-    model = "driven_hopper"
-    actuators = ("leg_motor",)
-    tracked = ("shortening",)
-
-    @classmethod
-    def mechanism(cls, q, p):
-        return replace(super().mechanism(q, p), motors=(q.shortening,))
-
-
-class DrivenHeelToe(HeelToe):
-    """The walker on heels and toes with motors at the stance ankle and at the hip."""
-
-    model = "driven_heel_toe"
-    actuators = ("ankle", "hip")
-    tracked = ("theta1", "theta2")
-
-    @classmethod
-    def mechanism(cls, q, p):
-        return replace(super().mechanism(q, p), motors=(q.theta1, q.theta1 + q.theta2))
 
 
 @pytest.mark.parametrize(
