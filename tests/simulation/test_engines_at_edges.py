@@ -5,6 +5,9 @@ from functools import partial
 
 import numpy as np
 import pytest
+
+pytest.importorskip("heyoka")
+
 from numpy.typing import NDArray
 from paper_walkers import HALF_ANGLE as HALF
 from paper_walkers import compass_numbers as compass_parameters
