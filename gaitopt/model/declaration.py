@@ -67,9 +67,21 @@ MARGIN_NAMES = (
     "pull",
     "breakpoint",
     "clock",
+    "impulse",
+    "impulse_cone_forward",
+    "impulse_cone_backward",
+    "lift_velocity",
+    "touchdown_rate",
+    "impact_slip_velocity",
+    "impact_regularity",
+    "impact_painleve",
+    "impact_onset",
+    "push_cone_forward",
+    "push_cone_backward",
+    "push_landing",
 )
-"""Margins of a phase and events, in addition to those above, that cannot be names of stops, switches or sections,
-because each of these gives its name to its margin."""
+"""Margins of phases and impacts, and events, in addition to those above, that cannot be names of stops, switches or
+sections, because each of these gives its name to its margin, whose unit and ending would then be those of the other."""
 DERIVED = (
     "contact_names",
     "foot_modes",

@@ -173,6 +173,8 @@ class Floor:
         ProblemError
             If the file cannot be read, or a column or a value is wrong; the message names file, line and column.
         """
+        if not isinstance(path, str | Path) or "\0" in str(path):
+            raise ArgumentError("path", f"is {shown(path)}, but must be the path of a CSV file")
         try:
             with Path(path).open(newline="", encoding="utf-8") as file:
                 reader = csv.reader(file)

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
+from gaitopt.display import counted
 from gaitopt.gait.gait import Gait
 from gaitopt.problem.floor import BOUNDS, RandomFloor
 from gaitopt.requests import Engine
@@ -122,7 +123,7 @@ def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: S
 
     n_xi, dynamics, names = len(gait.system.section(gait.cycle).names), gait.dynamics, tuple(floor.spreads)
     if n_xi > MOST_COORDINATES:
-        return _unknown(f"the section has {n_xi} coordinates, but a mesh fills at most {MOST_COORDINATES}")
+        return _unknown(f"the section has {counted(n_xi, 'coordinate')}, but a mesh fills at most {MOST_COORDINATES}")
     if engine is not Engine.HEYOKA or not gait.system.walker.stands_on_one():
         return _unknown("weighted walks need heyoka, and a walker that stands on one foot")
     steps, random = TiledSteps(dynamics, drops=False, uneven=not floor.is_even), np.random.default_rng(floor.seed)

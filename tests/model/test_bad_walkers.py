@@ -20,7 +20,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.model.control import NoControl
 from gaitopt.model.mechanism import polar
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import PHASE_MARGINS
+from gaitopt.model.transitions import MARGINS
 from gaitopt.model.units import Positive
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.hopper import Hopper
@@ -256,10 +256,10 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "tracked too short": (CompassBiped, {"tracked": ("theta1",)}, "tracked has 1 entries, but actuators has 2"),
     "one more actuator": (CompassBiped, {"actuators": ("a", "b", "c"), "tracked": ("theta1",) * 3}, "motors has 2"),
     "actuator called type": (CompassBiped, {"actuators": ("type", "hip")}, "type has another meaning"),
-    **{f"stop called {m}": (KneedWalker, {"stops": (m,)}, f"{m} has another meaning") for m in PHASE_MARGINS},
     **{
-        f"section called {m}": (KneedWalker, {"sections": (m,)}, f"{m} has another meaning")
-        for m in ("upright", "slip_velocity", "breakpoint", "clock")
+        f"{group} called {m}": (KneedWalker, {group: (m,)}, f"{m} has another meaning")
+        for group in ("stops", "sections")
+        for m in MARGINS
     },
     "stop and section": (KneedWalker, {"sections": ("knee",)}, "knee is named by both stops and sections"),
     "stop and switch": (KneedWalker, {"switches": ("knee",)}, "knee is named by both stops and switches"),

@@ -343,9 +343,9 @@ def test_an_eigenvalue_that_is_not_known_has_a_reason(monkeypatch):
     assert "falls are extremely rare; none of 2000" in found["reason"]
     monkeypatch.setattr(falls_module, "MOST_COORDINATES", 0)
     found = metastable(closed_form.gait, RandomFloor.parse("height=-0.001:0.001"), ENGINE)
-    assert found["reason"] == "the section has 1 coordinates, but a mesh fills at most 0"
+    assert found["reason"] == "the section has 1 coordinate, but a mesh fills at most 0"
     assert (
-        "1 coordinates"
+        "1 coordinate,"
         in go.Robustness(
             problem=closed_form.gait.problem,
             figures={
