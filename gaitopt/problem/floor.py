@@ -173,13 +173,13 @@ class Floor:
         ProblemError
             If the file cannot be read, or a column or a value is wrong; the message names file, line and column.
         """
-        if not isinstance(path, str | Path) or "\0" in str(path):
+        if not isinstance(path, str | Path):
             raise ArgumentError("path", f"is {shown(path)}, but must be the path of a CSV file")
         try:
             with Path(path).open(newline="", encoding="utf-8") as file:
                 reader = csv.reader(file)
                 rows = [(reader.line_num, row) for row in reader if row and not row[0].lstrip().startswith("#")]
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
+        except (OSError, ValueError, csv.Error) as error:
             raise ProblemError(f"{path}: the floor cannot be read: {error}") from None
         header = [name.strip() for name in rows[0][1]] if rows else []
         wrong = {*header} - {*QUANTITIES, "static", "kinetic"} or len({*header}) < len(header)

@@ -183,7 +183,7 @@ def test_a_longer_random_floor_begins_as_the_shorter_one():
         (lambda: Floor.parse("height=1 deg"), "1deg is no value of height"),
         (lambda: Floor.read("nowhere.csv"), "nowhere.csv: the floor cannot be read"),
         (lambda: Floor.read(None), "path is nothing (null), but must be the path of a CSV file"),
-        (lambda: Floor.read("\0.csv"), "'\\x00.csv', but must be the path of a CSV file"),
+        (lambda: Floor.read("\0.csv"), "the floor cannot be read: embedded null byte"),
         (lambda: Floor.random("friction=0.3:0.2", 3), "its limits must ascend within 0 to 100"),
         (lambda: Floor.random("friction=0.2", 3), "friction=0.2 is no distribution"),
         (lambda: Floor.random("friction=0.1:0.2", 0), "tiles is 0, but must be a whole number, at least 1"),
