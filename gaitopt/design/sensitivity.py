@@ -29,9 +29,10 @@ from gaitopt.arrays import Array
 from gaitopt.building import built_once
 from gaitopt.design.spectral_radius import eigenvalue_gradients
 from gaitopt.gait import curves
-from gaitopt.gait.measures import ON_THE_SPOT, WITHOUT_FORCE, sharing_contacts, swings
+from gaitopt.gait.measures import ON_THE_SPOT, WITHOUT_FORCE, swings
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered, buffered_map
+from gaitopt.model.contacts import sharing_contacts
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem

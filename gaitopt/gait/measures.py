@@ -15,15 +15,13 @@ from gaitopt.gait import curves
 from gaitopt.gait.shares import share_bounds
 from gaitopt.gait.trajectory import Arc, Step, along, push_work
 from gaitopt.model.buffered import buffered
-from gaitopt.model.contacts import undetermined_groups
+from gaitopt.model.contacts import sharing_contacts
 from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.declaration import joint_limits
-from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.units import Scales
 from gaitopt.model.virtual_constraints import VirtualConstraints
-from gaitopt.model.walker import Walker
 from gaitopt.problem.scalars import MEASURES, SCALARS
 
 Along = TypeVar("Along")
@@ -86,13 +84,6 @@ class ContactObservation:
     direction: int
     force: Array
     slip: Array
-
-
-def sharing_contacts(walker: type[Walker], mode: Mode) -> tuple[tuple[str, ...], ...]:
-    """The contacts on the ground, each alone but for those that share undetermined forces, which come first."""
-    groups = undetermined_groups(walker, mode)
-    alone = [name for name in mode.touching if not any(name in group for group in groups)]
-    return (*groups, *((name,) for name in alone))
 
 
 def touching_contacts(arc: Arc, observed: Observation) -> Iterator[ContactObservation]:

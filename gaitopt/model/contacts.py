@@ -605,6 +605,13 @@ def undetermined_groups(walker: type[Walker], mode: Mode) -> tuple[tuple[str, ..
     return tuple(names for names in touching if names)  # stops may share forces among themselves
 
 
+def sharing_contacts(walker: type[Walker], mode: Mode) -> tuple[tuple[str, ...], ...]:
+    """The contacts on the ground, each alone but for those that share undetermined forces, which come first."""
+    groups = undetermined_groups(walker, mode)
+    alone = [name for name in mode.touching if not any(name in group for group in groups)]
+    return (*groups, *((name,) for name in alone))
+
+
 def shares_of(walker: type[Walker], mode: Mode) -> tuple[tuple[tuple[str, str], ...], ...]:
     """Parts of the margins of the groups of contacts whose forces are undetermined; see ``Share``."""
     structure = constraint_structure(walker, mode)

@@ -21,7 +21,7 @@ from casadi import SX, depends_on, is_equal, jtimes, substitute, vertcat, vertsp
 from flint import arb, arb_poly
 
 from gaitopt.building import built_once
-from gaitopt.model.contacts import undetermined_groups
+from gaitopt.model.contacts import sharing_contacts
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.friction import Friction, ImpactLaw
 from gaitopt.model.modes import CONTACTS, FOOT, OFF, Mode
@@ -741,9 +741,9 @@ def measure_bounds(orbit: Orbit, cycle: CycleEnclosure, period: arb) -> dict[str
         for series, step in zip(power, cycle.steps[j], strict=True):
             work += evaluate([arb(0), *(c / (k + 1) for k, c in enumerate(series))], hull(step.h))
         at_end = [hull(value) for value in observation(cycle.ends[j])[0]]
-        groups = undetermined_groups(walker, arc.mode)
-        sticking = [name for name in arc.mode.touching if not arc.mode.directions[name]]
-        for names in (*groups, *((name,) for name in sticking if not any(name in group for group in groups))):
+        for names in sharing_contacts(walker, arc.mode):
+            if arc.mode.directions[names[0]]:  # only contacts that stick require friction
+                continue
             columns = [2 * walker.contact_names().index(name) for name in names]
             f_t, f_n = ([_sum(of_step) for of_step in zip(*(along[k + row] for k in columns), strict=True)]
                         for row in (0, 1))  # fmt: skip

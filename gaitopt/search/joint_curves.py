@@ -40,9 +40,10 @@ from gaitopt.arrays import Array
 from gaitopt.building import building, built_once
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.measures import observe, sharing_contacts
+from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered_map
+from gaitopt.model.contacts import sharing_contacts
 from gaitopt.model.control import ConstantTorque
 from gaitopt.model.curve import bernstein_matrix
 from gaitopt.model.declaration import joint_limits

@@ -15,7 +15,7 @@ import numpy as np
 from casadi import SX, Function, cse, dot, pi, sin, sqrt, sum1, vertcat
 
 from gaitopt.building import built_once
-from gaitopt.gait.measures import sharing_contacts
+from gaitopt.model.contacts import sharing_contacts
 from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop, Order
 from gaitopt.model.section import TOUCHDOWN

@@ -11,7 +11,7 @@ from flint import arb
 
 import gaitopt as go
 from gaitopt import Body, Contact, Damper, Mechanism, Mode
-from gaitopt.gait.measures import sharing_contacts
+from gaitopt.model.contacts import sharing_contacts
 from gaitopt.model.mechanism import inclined
 from gaitopt.model.walkers.crawler import Crawler
 from gaitopt.proof import identities
