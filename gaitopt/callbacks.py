@@ -12,6 +12,12 @@ Valued = Callable[[int, float], None] | None
 """A function of a number and a value: iteration and violation of a solution, or gaits and parameter of a family."""
 
 
+def raise_if_stopped(should_stop: Stop) -> None:
+    """Raise a KeyboardInterrupt if the caller wants to stop."""
+    if should_stop is not None and should_stop():
+        raise KeyboardInterrupt
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeLimit:
     """A ``should_stop`` that also returns True when the time is over.

@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import IO, Any
 
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, raise_if_stopped
 from gaitopt.engines.outcome import Outcome, Simulator, run
 from gaitopt.engines.plant import Reference
 from gaitopt.errors import GaitoptError, ProblemError
@@ -82,8 +82,7 @@ def _results(process: "subprocess.Popen[bytes]", job: Any, should_stop: Stop) ->
         pass
     waited = 0.0
     while True:
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
+        raise_if_stopped(should_stop)
         try:
             result = arrived.get(timeout=POLLING_TIME)
         except queue.Empty:

@@ -22,7 +22,7 @@ from gaitopt.arrays import Array
 from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.branches.trace import MARGINS, curve_start, follow_curve
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, raise_if_stopped
 from gaitopt.display import Reported, counted
 from gaitopt.errors import ArgumentError, ProblemError, SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
@@ -440,8 +440,7 @@ def atlas_job(argument: tuple[Any, ...], start: Record | None = None, should_sto
     """One job of an atlas, in any process: its function, what it returns if it fails, and its inputs."""
     task, _, *inputs = argument
     record = task(*inputs, start, should_stop)
-    if should_stop is not None and should_stop():
-        raise KeyboardInterrupt
+    raise_if_stopped(should_stop)
     return {**record}
 
 
@@ -474,8 +473,7 @@ def slice_job(
             _walks(follow_family(gait, replace(asked, to=(to,)), should_stop=should_stop))
             for to in (first.lower, first.upper)
         ]
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
+        raise_if_stopped(should_stop)
         (below, *_), (above, *_) = walks
         segments, specials = _cut([*reversed(below), *above[1:]], len(below), first.key)
         branch: dict[str, Any] = {"value": value, "segments": segments, "specials": specials}
@@ -651,8 +649,7 @@ def _both_ways(start: CurveStart, kind: str, axes: tuple[Axis, Axis], should_sto
         halves = [list(group) for group in _by_target(follow_curve(start, asked, should_stop=should_stop))]
     except (ProblemError, SolveError) as error:
         return record | {"reason": str(error)}
-    if should_stop is not None and should_stop():
-        raise KeyboardInterrupt
+    raise_if_stopped(should_stop)
     chains = list[list[list[float]]]()
     for half in halves:  # a curve ends at its last point, or at a special point beyond that
         *points, last = ([*each.values.values()] for each in half if isinstance(each, TracePoint) or each is half[-1])

@@ -16,7 +16,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.branches.request import Request
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, raise_if_stopped
 from gaitopt.display import Plotted, counted
 from gaitopt.errors import SolveError
 from gaitopt.gait.branch import BranchPoint
@@ -241,8 +241,7 @@ def _branch(problem: Problem, axis: Axis, stop: Uncompared[Stop]) -> tuple[Branc
                 request = Request(parameter=key, to=(end,), max_points=MAX_POINTS, verify_every=0)
                 records = family(gait, request, should_stop)
                 points += [record for record in records if isinstance(record, BranchPoint)]
-    if should_stop is not None and should_stop():
-        raise KeyboardInterrupt  # an incomplete branch must not enter the cache
+    raise_if_stopped(should_stop)  # an incomplete branch must not enter the cache
     return tuple(points)
 
 

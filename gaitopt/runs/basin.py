@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, raise_if_stopped
 from gaitopt.display import Plotted
 from gaitopt.errors import SolveError, StorageError, UnknownNameError
 from gaitopt.gait.frames import data_set
@@ -108,8 +108,7 @@ def follow(
     for step in range(1, max_steps + 1):
         if not walking.size:
             break
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
+        raise_if_stopped(should_stop)
         walked = step_map(past[0, walking], walking)
         completed = walked.completed
         back = _returns(np.abs(walked.states - past[:, walking]).max(axis=2)) & completed

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, raise_if_stopped
 from gaitopt.errors import StorageError
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Request, entries
@@ -232,7 +232,6 @@ class LinesPlan(ABC, Generic[Start, Line]):
                 record = point.to_record()
                 lines.append(record)
                 yield record
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
+        raise_if_stopped(should_stop)
         header, rows = self.file.rows(self.file.read(self.run, self.problem)[1])
         self.run.write({self.file.table: csv_text(Table(header=tuple(header), rows=rows))})

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gaitopt.arrays import Array, ReadOnlyArrays
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, raise_if_stopped
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import Section, section_of
 from gaitopt.simulation.simulator import Simulator
@@ -74,8 +74,7 @@ def settled(
                 path[step, alive] = states
             if not alive.size or step == keep:
                 break
-            if should_stop is not None and should_stop():
-                raise KeyboardInterrupt
+            raise_if_stopped(should_stop)
             outcomes = walk_on(states)
             endings.update(str(name) for name in outcomes.outcomes[~outcomes.completed])
             alive, states = alive[outcomes.completed], outcomes.states[outcomes.completed]

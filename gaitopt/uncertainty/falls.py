@@ -28,12 +28,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, raise_if_stopped
 from gaitopt.display import counted
 from gaitopt.gait.gait import Gait
 from gaitopt.problem.floor import BOUNDS, RandomFloor
 from gaitopt.requests import Engine
-from gaitopt.simulation.outcomes import ENDINGS
+from gaitopt.simulation.outcomes import ENDINGS, StepOutcomes
 from gaitopt.verification.tiled_walks import TiledSteps, TiledWalks
 
 CONFIDENCE = 0.99
@@ -86,8 +86,7 @@ def count_falls(
     walking = TiledWalks(gait.dynamics, np.tile(gait.state, (walks, 1)), floors, engine)
     completed, endings = np.full(walks, -float(steps)), dict[str, int]()
     while walking.walking.size and walking.steps < steps:
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
+        raise_if_stopped(should_stop)
         tried, outcomes = walking.step()
         fallen = ~outcomes.completed
         completed[tried[fallen]] = walking.steps - 1
@@ -119,69 +118,98 @@ def metastable(gait: Gait, floor: RandomFloor, engine: Engine, *, should_stop: S
     All three are None, with a ``reason``, if no walk falls, if all fall at once, for a section with more than four
     coordinates, and without batches, which need heyoka and a walker on one foot.
     """
-    from scipy.special import betaincinv  # the inverse of the shares of ``tiles``
-
-    n_xi, dynamics, names = len(gait.system.section(gait.cycle).names), gait.dynamics, tuple(floor.spreads)
+    n_xi, names = len(gait.system.section(gait.cycle).names), tuple(floor.spreads)
     if n_xi > MOST_COORDINATES:
         return _unknown(f"the section has {counted(n_xi, 'coordinate')}, but a mesh fills at most {MOST_COORDINATES}")
     if engine is not Engine.HEYOKA or not gait.system.walker.stands_on_one():
         return _unknown("weighted walks need heyoka, and a walker that stands on one foot")
-    steps, random = TiledSteps(dynamics, drops=False, uneven=not floor.is_even), np.random.default_rng(floor.seed)
-
-    def tiles(s: Array) -> dict[str, Array]:
-        shares = s**3 * (10 + s * (6 * s - 15))  # weight of a tile: derivative of its share by s
-        return {name: floor.spreads[name].quantiles(shares[:, k], BOUNDS[name][0]) for k, name in enumerate(names)}
-
-    z, under = np.tile(gait.state, (WALKS, 1)), betaincinv(3, 3, random.random((WALKS, len(names))))
-    w, cells = np.full(WALKS, 1 / WALKS), np.zeros(WALKS, dtype=np.intp)
-    n, first, cycle, has_fallen = 0, z, dynamics.steps_per_cycle, False
+    random, steps = np.random.default_rng(floor.seed), TiledSteps(gait.dynamics, drops=False, uneven=not floor.is_even)
+    walks = _Walks(gait, floor, steps, _as_they_occur(random.random((WALKS, len(names)))))
+    w, cells, has_fallen = np.full(WALKS, 1 / WALKS), np.zeros(WALKS, dtype=np.intp), False
     for most_cells in (1, MOST_CELLS):  # unless falls are rare, equal weights give the smallest error
-        falls, start = list[float](), n + TRANSIENT
+        falls, start = list[float](), walks.n + TRANSIENT
         while not _is_enough(falls, most_cells == 1):
-            if should_stop is not None and should_stop():
-                raise KeyboardInterrupt
+            raise_if_stopped(should_stop)
+            # step
             orders = [np.lexsort((random.random(w.size), cells)) for _ in names]
             ahead = np.stack([_strata(cells, random.random(w.size), order) for order in orders], axis=1)
             heavy = w > HEAVY
-            ahead[heavy] = betaincinv(3, 3, ahead[heavy])  # as often as they occur
-            first = first if n % cycle else z
-            outcomes = steps.step(n, z, tiles(under), tiles(ahead), first)
-            w, n = np.where(heavy, w, w * _tile_weights(ahead)), n + 1
+            ahead[heavy] = _as_they_occur(ahead[heavy])
+            outcomes = walks.step(ahead)
+            w = np.where(heavy, w, w * _tile_weights(ahead))
+            # fall
             has_fallen = has_fallen or not outcomes.completed.all()
-            falls += [float(w[~outcomes.completed].sum())] if n > start else []
+            falls += [float(w[~outcomes.completed].sum())] if walks.n > start else []
             on = outcomes.completed & (w > SMALLEST_WEIGHT)
             if not on.any():
                 return _unknown("all walks fall at once")
-            z, under, first, w = outcomes.states[on], ahead[on], first[on], w[on] / w[on].sum()
-            at, w, cells = _resampled(_cells(z / dynamics.state_units, under, w, most_cells), w, random)
-            z, under, first = z[at], under[at], first[at]
+            walks.keep(on)
+            w = w[on] / w[on].sum()
+            # resampling
+            y = walks.z / gait.dynamics.state_units
+            at, w, cells = _resampled(_cells(y, walks.under, w, most_cells), w, random)
+            walks.keep(at)
         share, error = _share(falls)
         if not _are_rare(falls):
             break
     if share:
         ends = [float(np.exp(sign * error)) / share for sign in (-1, 1)]
         return {"eigenvalue": 1 - share, "mean_steps": 1 / share, "interval": ends, "reason": None}
-    z, under, k = np.tile(gait.state, (WALKS, 1)), np.full((WALKS, len(names)), 0.5), 0
-    first = z
-    while len(z) and k < WORST_STEPS:
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
-        ahead = random.integers(2, size=(len(z), len(names))).astype(float)
-        first = first if k % cycle else z
-        outcomes, k = steps.step(k, z, tiles(under), tiles(ahead), first), k + 1
-        z, under, first = (each[outcomes.completed] for each in (outcomes.states, ahead, first))
-    fell = f"{WALKS - len(z) or 'none'} of {WALKS} walks over {WORST_STEPS} tiles at the ends of the distributions fell"
-    rare = "extremely rare" if has_fallen or len(z) < WALKS else "impossible or extremely rare"
+    fell = _falls_at_ends(gait, floor, steps, random, should_stop)
+    rare = "extremely rare" if has_fallen or fell else "impossible or extremely rare"
     rarest = f"although the rarest of {w.size} walks stood for one of {1 / w.min():.0e}"
-    return _unknown(f"no walk fell in the last {len(falls)} steps, {rarest}: falls are {rare}; {fell}")
+    return _unknown(
+        f"no walk fell in the last {len(falls)} steps, {rarest}: falls are {rare}; {fell or 'none'} of {WALKS} walks "
+        f"over {WORST_STEPS} tiles at the ends of the distributions fell"
+    )
 
 
 def _unknown(reason: str) -> dict[str, Any]:
     return {"eigenvalue": None, "mean_steps": None, "interval": None, "reason": reason}
 
 
-def _tile_weights(s: Array) -> Array:
-    return np.asarray(np.prod(30 * s**2 * (1 - s) ** 2, axis=1))
+class _Walks:
+    """Walks of a gait on random tiles, all in the same step.
+
+    A tile is stated by a number s from 0 to 1 for each of its quantities: the share s^3 (10 - 15 s + 6 s^2) of the
+    distribution is below it. Uniform numbers are at the ends of the distribution more often than the tiles of a floor.
+
+    Attributes
+    ----------
+    n : number of completed steps.
+    z : ndarray, shape (m, n_z) - states just after the last impact.
+    under : ndarray, shape (m, n_quantities) - the tiles under the stance feet.
+    """
+
+    def __init__(self, gait: Gait, floor: RandomFloor, steps: TiledSteps, under: Array) -> None:
+        self.n, self.z, self.under = 0, np.tile(gait.state, (len(under), 1)), under
+        self._floor, self._steps, self._cycle = floor, steps, gait.dynamics.steps_per_cycle
+        self._first = self.z
+
+    def step(self, ahead: Array) -> StepOutcomes:
+        """Take a step onto the tiles ``ahead``, shape (m, n_quantities). The caller then leaves out walks that fell."""
+        self._first = self._first if self.n % self._cycle else self.z
+        tiles = self._tiles(self.under), self._tiles(ahead)
+        outcomes = self._steps.step(self.n, self.z, *tiles, self._first)
+        self.n, self.z, self.under = self.n + 1, outcomes.states, ahead
+        return outcomes
+
+    def keep(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> None:
+        """Continue with some walks, of which one may occur several times."""
+        self.z, self.under, self._first = self.z[rows], self.under[rows], self._first[rows]
+
+    def _tiles(self, s: Array) -> dict[str, Array]:
+        """The quantities of tiles by name, shape (m,) each."""
+        shares = s**3 * (10 + s * (6 * s - 15))
+        spreads = zip(self._floor.spreads.items(), shares.T, strict=True)
+        return {name: spread.quantiles(share, BOUNDS[name][0]) for (name, spread), share in spreads}
+
+
+def _as_they_occur(shares: Array) -> Array:
+    """The numbers of tiles with these shares of their distributions below them; uniform shares give random tiles."""
+    from scipy.special import betaincinv  # the inverse of the shares of ``_Walks``
+
+    return np.asarray(betaincinv(3, 3, shares))
 
 
 def _is_enough(falls: list[float], has_mesh_left: bool) -> bool:
@@ -209,6 +237,24 @@ def _share(falls: list[float]) -> tuple[float, float]:
     means = np.reshape(falls, (-1, BLOCK)).mean(axis=1)
     t, share = float(stdtrit(means.size - 1, (1 + SKEWED) / 2)), float(means.mean())
     return share, t * float(means.std(ddof=1)) / (np.sqrt(means.size) * share) if share else np.inf
+
+
+def _strata(cells: NDArray[np.intp], within: Array, order: NDArray[np.intp]) -> Array:
+    """Numbers from 0 to 1, one in each of as many equal intervals as a cell has walks, for the sorted ``cells``.
+
+    Parameters
+    ----------
+    within : ndarray, shape (m,) - part of its interval at which the number of a walk lies.
+    order : the walks cell by cell, in the order of their intervals.
+    """
+    sizes, place = np.bincount(cells), np.empty(cells.size)
+    place[order] = np.arange(cells.size)
+    return np.asarray((place - (np.cumsum(sizes) - sizes)[cells] + within) / sizes[cells])
+
+
+def _tile_weights(s: Array) -> Array:
+    """The density of the tiles of a floor at uniform numbers, shape (m,): the derivative of the shares by s."""
+    return np.asarray(np.prod(30 * s**2 * (1 - s) ** 2, axis=1))
 
 
 def _cells(y: Array, s: Array, w: Array, most: int) -> NDArray[np.intp]:
@@ -247,14 +293,12 @@ def _resampled(
     return chosen, (totals / sizes)[of], of
 
 
-def _strata(cells: NDArray[np.intp], within: Array, order: NDArray[np.intp]) -> Array:
-    """Numbers from 0 to 1, one in each of as many equal intervals as a cell has walks, for the sorted ``cells``.
-
-    Parameters
-    ----------
-    within : ndarray, shape (m,) - part of its interval at which the number of a walk lies.
-    order : the walks cell by cell, in the order of their intervals.
-    """
-    sizes, place = np.bincount(cells), np.empty(cells.size)
-    place[order] = np.arange(cells.size)
-    return np.asarray((place - (np.cumsum(sizes) - sizes)[cells] + within) / sizes[cells])
+def _falls_at_ends(
+    gait: Gait, floor: RandomFloor, steps: TiledSteps, random: np.random.Generator, should_stop: Stop
+) -> int:
+    """The number of walks that fall over tiles at the ends of the distributions, from the median tile."""
+    walks = _Walks(gait, floor, steps, np.full((WALKS, len(floor.spreads)), 0.5))
+    while len(walks.z) and walks.n < WORST_STEPS:
+        raise_if_stopped(should_stop)
+        walks.keep(walks.step(random.integers(2, size=walks.under.shape).astype(float)).completed)
+    return WALKS - len(walks.z)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, raise_if_stopped
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Gait
 from gaitopt.uncertainty.limits import LARGEST_FRICTION
@@ -72,6 +72,5 @@ def _end(gait: Gait, key: str, target: float | None, should_stop: Stop) -> tuple
             return (None, NONE) if record.bound else (record.value, record.type)
         else:
             passed.append(record)
-    if should_stop is not None and should_stop():
-        raise KeyboardInterrupt
+    raise_if_stopped(should_stop)
     return last, "end"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, raise_if_stopped
 from gaitopt.gait.gait import Gait
 from gaitopt.requests import Engine
 from gaitopt.verification.tiled_walks import Floors, returning
@@ -69,8 +69,7 @@ def limit(survives: Survives, start: float, step: float, end: float, *, should_s
     grid: Array = start + step * np.arange(1, count + 1, dtype=float)
     tried, found = list[float](), list[bool]()
     for first in range(0, count, BLOCK):
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
+        raise_if_stopped(should_stop)
         block = grid[first : first + BLOCK]
         survived = survives(block)
         tried += block.tolist()
@@ -191,8 +190,7 @@ def nearest_failure(
     directions: Array = np.vstack([np.eye(n), -np.eye(n), random.standard_normal((rays, n))])
     best: tuple[float, Array] | None = None
     for k in range(SHRINKS + 1 if rays else 1):
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
+        raise_if_stopped(should_stop)
         if k and best is not None:
             directions = best[1] + random.standard_normal((DIRECTIONS // 4, n)) / (2 * 3 ** (k - 1))
         elif k:
