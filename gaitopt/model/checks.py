@@ -518,15 +518,14 @@ def posture_at(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
     """The walker at coordinates ``q`` and rates ``dq``, both of shape (n_shape + 2,), and parameters ``p``."""
     function, shapes = _kinematics(walker)
     outputs = zip(shapes.items(), buffered(function)(q, dq, p), strict=True)
-    values: dict[str, Any] = {name: out.reshape(shape, order="F").copy() for (name, shape), out in outputs}
-    scalars = ("guard", "guard_slope", "upright", "spring_energy", "dissipation")
-    values |= {name: values[name].item() for name in scalars}
-    values |= {name: values[name].ravel() for name in ("relabel", "relabel_rate", "gravity", "gaps")}
+    values: dict[str, Any] = {
+        name: out.reshape(shape, order="F").copy() if shape else out.item() for (name, shape), out in outputs
+    }
     return Posture(**values)
 
 
 @built_once(maxsize=8)
-def _kinematics(walker: type[Walker]) -> tuple[Function, dict[str, tuple[int, int]]]:
+def _kinematics(walker: type[Walker]) -> tuple[Function, dict[str, tuple[int, ...]]]:
     """(q, dq, p) -> the entries of ``Posture``, and the shape of each by name."""
     n, (q, p, mechanism) = len(walker.shape), symbolic_mechanism(walker)
     dq = SX.sym("dq", q.numel())
@@ -557,7 +556,9 @@ def _kinematics(walker: type[Walker]) -> tuple[Function, dict[str, tuple[int, in
         "gap_jacobian": jacobian(gaps, q[:n]),
     }
     function = Function("kinematics", [q, dq, p], [*outputs.values()], ["q", "dq", "p"], [*outputs])
-    return function, {name: function.size_out(name) for name in outputs}
+    shapes: dict[str, tuple[int, ...]] = {name: function.size_out(name) for name in outputs}
+    shapes |= {name: (function.numel_out(name),) for name in ("relabel", "relabel_rate", "gravity", "gaps")}
+    return function, shapes | dict.fromkeys(("guard", "guard_slope", "upright", "spring_energy", "dissipation"), ())
 
 
 @built_once(maxsize=8)

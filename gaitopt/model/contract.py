@@ -301,10 +301,9 @@ def _is_time(value: object) -> bool:
 
 def symbolic(law: Control, p: SimpleNamespace) -> Control:
     """The law with symbols instead of its parameters, so that ``self.kp`` and ``now.p.kp`` are the same."""
-    fields = type(law).model_fields
     values = dict(law)
     for name in values:
-        if is_parameter(fields.get(name)):
+        if is_parameter(type(law), name):
             known = getattr(p, name)
             values[name] = vars(known) if isinstance(known, SimpleNamespace) else known
     return type(law).model_construct(**values)

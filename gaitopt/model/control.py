@@ -18,7 +18,6 @@ from typing import Annotated, Any, ClassVar, TypeAlias, get_args, get_origin
 import numpy as np
 from casadi import SX, vertcat
 from pydantic import BaseModel, ConfigDict, Field, create_model
-from pydantic.fields import FieldInfo
 
 from gaitopt.arrays import Array
 from gaitopt.model.declaration import actuator_units
@@ -140,7 +139,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         for name, value in sorted(self, key=lambda item: item[0] == "limits"):
             if isinstance(value, Reference):
                 values |= {f"{name}.{key}": number for key, number in value.parameters.items()}
-            elif is_parameter(type(self).model_fields.get(name)):
+            elif is_parameter(type(self), name):
                 values |= {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, Mapping) else {name: value}
         return values
 
@@ -157,7 +156,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
     @property
     def structure(self) -> tuple[object, ...]:
         """Key of the systems that can share the law's expressions: the law without the values of its parameters."""
-        numbers = {name for name in dict(self) if is_parameter(type(self).model_fields.get(name))}
+        numbers = {name for name in dict(self) if is_parameter(type(self), name)}
         references = self.targets
         excluded: Any = {**dict.fromkeys(numbers | {*references}, True), "step_feedback": {"at": True}}
         fixed = self.model_dump_json(exclude=excluded)
@@ -223,8 +222,10 @@ def unknown_actuators(walker: WalkerType, **stated: Iterable[str]) -> Iterator[t
         yield from (((key, name), f"no actuator is called {name}; there are {known}") for name in unknown)
 
 
-def is_parameter(info: FieldInfo | None) -> bool:
-    """Whether a field has parameters: a float, or a mapping from names to floats; None stands for an extra key."""
+@lru_cache(maxsize=1024)
+def is_parameter(section: SectionType, name: str) -> bool:
+    """Whether an entry of a section has parameters: an extra key, a float, or a mapping from names to floats."""
+    info = section.model_fields.get(name)
     if info is None:
         return True
     if Fixed in info.metadata:
@@ -250,11 +251,10 @@ def parameter_names(law: Control, symbols: SX) -> SimpleNamespace:
             return vertcat(*entries.values())
         return SimpleNamespace(**{key: nested(v) if isinstance(v, Mapping) else v for key, v in entries.items()})
 
-    fields = type(law).model_fields
     tree: dict[str, Any] = {
         name: {}
         for name, value in law
-        if isinstance(value, Reference) or (isinstance(value, Mapping) and is_parameter(fields.get(name)))
+        if isinstance(value, Reference) or (isinstance(value, Mapping) and is_parameter(type(law), name))
     }
     for k, key in enumerate(law.parameters):
         level, (*above, last) = tree, key.split(".")

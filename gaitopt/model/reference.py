@@ -32,6 +32,7 @@ from gaitopt.model.curve import BeyondEnd, Curve, bezier_curve, keys
 from gaitopt.model.table import LARGEST_POINT, Table, table_curve
 from gaitopt.model.units import DURATION, SMALLEST_SIZE, Angle, Duration, Within, parse_angle, unknown_faults
 from gaitopt.model.walker import WalkerType
+from gaitopt.threads import cached_method
 
 Path = tuple[str | int, ...]
 """Keys that lead to a value."""
@@ -220,12 +221,14 @@ class Reference(BaseModel):
         ValueError
             If the curve depends on a gait that is not known yet.
         """
-        if self._known is not None:
-            return self._known
+        return self._stated_motion(phase, span) if self._known is None else self._known
+
+    @cached_method  # a law asks for the curve at each of its segments
+    def _stated_motion(self, phase: str, span: tuple[float, float]) -> Curve:
         if self._over_law:
             return self._curve(phase, span, None)
-        stated = vars(self)  # getattr of a key that the kind lacks is slow
-        span, beyond_end = stated.get("span") or (0.0, stated.get("duration") or 1.0), stated.get("beyond_end")
+        span = getattr(self, "span", None) or (0.0, getattr(self, "duration", None) or 1.0)
+        beyond_end = getattr(self, "beyond_end", None)
         return self._curve(self.phase_variable, span, beyond_end and BeyondEnd(beyond_end))
 
     def with_curve(self, curve: Curve) -> Self:

@@ -317,7 +317,7 @@ class _StatementReader:
         for key, entry in ((key, data.get(key)) for key in model.model_fields):
             if _is_free(entry):
                 freed[key,] = entry
-            elif isinstance(entry, Mapping) and is_parameter(model.model_fields[key]):
+            elif isinstance(entry, Mapping) and is_parameter(model, key):
                 freed |= {(key, str(name)): value for name, value in entry.items() if _is_free(value)}
         self._free |= {".".join(map(str, (*path, *keys))): UNREAD for keys in freed}
         sections = {keys: self._section(FreeSection, value, (*path, *keys)) for keys, value in freed.items()}
@@ -346,7 +346,7 @@ class _StatementReader:
         self, section: BaseModel, plain: Mapping[str, Any], unknown: FreeSection, above: Key, keys: tuple[str, ...]
     ) -> Free | None:
         path, guess = (*above, *keys), _at(section, keys)
-        if not isinstance(guess, float) or not is_parameter(type(section).model_fields[keys[0]]):
+        if not isinstance(guess, float) or not is_parameter(type(section), keys[0]):
             self._fault(path, "cannot be free: only a real number can be an unknown; give a value")
             return None
         bounds = []

@@ -21,6 +21,7 @@ from pydantic import BaseModel
 from gaitopt.building import built_once
 from gaitopt.display import distinguished
 from gaitopt.errors import ProblemError
+from gaitopt.model.buffered import buffered
 from gaitopt.model.checks import FALLEN, Posture, forgotten_inertia, posture_at
 from gaitopt.model.contract import KINKED, check_hooks, check_period, jumping_operations, law_section
 from gaitopt.model.control import OWN_PACKAGE, ConstantTorque, Control, NoControl
@@ -181,8 +182,10 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
             yield Fault(("control", "outputs"), f"{words} these outputs independently; {remedy}")
             return
     at_start, at_end = (np.full(len(walker.actuators), np.nan) for _ in range(2))
+    evaluate = buffered(function)
     for segment, time in enumerate((0.0, *times)):
-        at_start = np.asarray(function(time, z, p, law.data(segment))).ravel()
+        data = law.data(segment)
+        at_start = evaluate(time, z, p, data)[0].copy()
         for k, (actuator, unit) in enumerate(actuator_units(walker).items()):
             u, words = at_start[k], MOTOR_WORDS[unit]
             if not np.isfinite(u):
@@ -192,7 +195,7 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
                 remedy = "make it continuous there, or set jumps = True"
                 yield Fault(("control",), f"{name}: the {words} of {actuator} jumps {jump}: {remedy}")
         if segment < len(times):
-            at_end = np.asarray(function(times[segment], z, p, law.data(segment))).ravel()
+            at_end = evaluate(times[segment], z, p, data)[0].copy()
     if not law.restarts or problem.cycle_end == CLOCK:
         try:
             check_period(law, walker.actuators, function, z, p)
@@ -429,9 +432,15 @@ def _at_guess(problem: ProblemStatement) -> Posture:
     walker = type(problem.walker)
     state = {} if problem.start is None else problem.start.state
     names = (*walker.shape, *FOOT_COORDINATES)
-    q = np.array([0.0 if name == "x" else state.get(name, 0.0) for name in names])
-    dq = np.array([state.get(f"d{name}", 0.0) for name in names])
-    return posture_at(walker, q, dq, parameter_values(problem.walker))
+    q = (*(0.0 if name == "x" else state.get(name, 0.0) for name in names),)
+    dq = (*(state.get(f"d{name}", 0.0) for name in names),)
+    return _posture(walker, q, dq, (*parameter_values(problem.walker).tolist(),))
+
+
+@lru_cache(maxsize=16)
+def _posture(walker: type[Walker], q: tuple[float, ...], dq: tuple[float, ...], p: tuple[float, ...]) -> Posture:
+    """The walker at some coordinates, which the rules, the remarks and the solver ask for in turn."""
+    return posture_at(walker, np.array(q), np.array(dq), np.array(p))
 
 
 @built_once(maxsize=32)

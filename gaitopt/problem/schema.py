@@ -454,7 +454,7 @@ def _controls(walkers: Any) -> list[dict[str, Any]]:
             law_section(law, walker) for walker in walkers if walker.actuators or law is NoControl
         )
         for section in sections:
-            numbers = tuple(key for key, entry in section.model_fields.items() if is_parameter(entry))
+            numbers = tuple(key for key in section.model_fields if is_parameter(section, key))
             stated = _section(section, may_be_free=numbers)
             description = (law.__doc__ or "").strip().partition("\n")[0].rstrip(".")
             stated["properties"] = {"type": {"const": name, "description": description}, **stated["properties"]}
