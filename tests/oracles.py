@@ -163,13 +163,6 @@ class Oracle:
         end = solve_ivp(rates, (0, 10), [*q, *dq], "DOP853", events=in_line, rtol=1e-12, atol=1e-13)
         return end.y[:n, -1], end.y[n:, -1], end.t[-1]
 
-    def angular_momentum(self, about: Array, q: Array, dq: Array) -> float:
-        """Angular momentum about a fixed point, clockwise as the angles, from the normal towards downhill."""
-        return sum(
-            -m.mass * cross(m.point.position(q) - about, m.point.velocity(q, dq)) + m.inertia * dq[m.turns_with]
-            for m in self.masses
-        )
-
 
 def up(angle: float) -> Array:
     """Unit vector at an angle from the normal of the ground."""
@@ -230,10 +223,6 @@ def crawl(front: Any, rear: Any, slope: Any, number: Callable[[str], Any] = floa
     (g1, e1, t1), (g2, e2, t2) = slides
     least = (g2 * (1 + e2) - e2 * g1 * (1 + e1)) / (1 - e1 * e2)
     return Crawl(least, g1 + e1 * (g1 - least), (e1, e2), (t1, t2))
-
-
-def cross(a: Array, b: Array) -> float:
-    return a[0] * b[1] - a[1] * b[0]
 
 
 def slope_gravity(g: float, slope: float) -> Array:

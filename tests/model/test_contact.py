@@ -1,4 +1,4 @@
-"""Contact of the stance foot: eqs (3)-(6) in NumPy, the wheel's closed forms, Newton's law on the masses, energy."""
+"""Contact of the stance foot: eqs (2)-(6) and their margins in NumPy, and the balance of energy."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,6 @@ from gaitopt.model.control import ConstantTorque
 from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 Array = np.ndarray
 MODES = CONTACTS
@@ -60,39 +59,6 @@ def test_named_contacts_have_the_forces_and_impulses_of_equations_2_to_11(walker
         np.testing.assert_allclose(z_plus[[n + k for k in names]], dq_plus, rtol=1e-9, atol=1e-10)
 
 
-def test_wheel_forces_in_stick_are_equations_17_and_18() -> None:
-    case = CASES["rimless_wheel"]
-    m, R, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
-    for z in case.states():
-        theta, dtheta = z[0], z[2]
-        _, (f_t, f_n) = flow_and_force(case, Mode.STICK, state_for(Mode.STICK, z))
-        squared = dtheta**2 * (1 + kappa) * R / g  # of the rate in the time unit of eq. (13)
-        pull = np.cos(alpha + theta) - squared
-        normal = m * g / (1 + kappa) * (pull * np.cos(theta) + kappa * np.cos(alpha))
-        tangential = m * g / (1 + kappa) * (pull * np.sin(theta) - kappa * np.sin(alpha))
-        assert f_n == pytest.approx(normal, rel=1e-12)
-        assert f_t / f_n == pytest.approx(tangential / normal, rel=1e-11)
-
-
-@pytest.mark.parametrize("mode", SLIPS)
-def test_wheel_slips_as_in_equation_20(mode: Mode) -> None:
-    case = CASES["rimless_wheel"]
-    m, R, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
-    mu = mode.direction * FRICTION
-    for z in case.states():
-        z = state_for(mode, z)
-        theta, dtheta = z[0], z[2]
-        s, c = np.sin(theta), np.cos(theta)
-        dz, (_, f_n) = flow_and_force(case, mode, z)
-        normal = kappa * m * (g * np.cos(alpha) - R * c * dtheta**2) / (s * (mu * c + s) + kappa)
-        swing = mu * c * normal + m * s * (g * np.cos(alpha) - R * c * dtheta**2)
-        slip = R * m * s * (1 + kappa) * dtheta**2 - mu * normal * (1 + kappa)
-        slip += g * m * (kappa * np.sin(alpha) - np.cos(alpha + theta) * s)
-        assert f_n == pytest.approx(normal, rel=1e-11)
-        assert dz[2] == pytest.approx(swing / (m * R * (s**2 + kappa)), rel=1e-11)
-        assert dz[3] == pytest.approx(slip / (m * (s**2 + kappa)), rel=1e-10)
-
-
 @pytest.mark.parametrize("mode", MODES)
 def test_energy_changes_by_the_work_of_motors_and_friction(mode: Mode) -> None:
     case, torque = CASES["compass_biped"], np.array([1.3, -0.7])
@@ -125,19 +91,6 @@ def test_painleve_margin_is_the_determinant_of_the_apparent_mass_times_equation_
         assert margins[index] == pytest.approx(np.linalg.det(C) * denominator, rel=1e-9)
 
 
-def test_painleve_margin_can_be_lost() -> None:
-    """A slender wheel on a steep spoke: beyond a friction of (s^2 + kappa) / |s c| the slip has no unique solution."""
-    wheel = RimlessWheel(spokes=4, radius=1.0, mass=1.0, inertia_ratio=0.05, gravity=1.0, slope=0.0)
-    case = Case(wheel, CASES["rimless_wheel"].oracle)
-    theta = -0.4
-    critical = (np.sin(theta) ** 2 + 0.05) / abs(np.sin(theta) * np.cos(theta))
-    index = case.system.transitions.margin_names(Mode.SLIP_FORWARD).index("painleve")
-    for mu, sign in ((0.999 * critical, 1), (1.001 * critical, -1)):
-        p = np.append(case.numbers, mu)
-        (margins,) = numbers(case.system.margins(Mode.SLIP_FORWARD)(0, [theta, 0, 0.5, 0.1], p, []))
-        assert np.sign(margins[index]) == sign
-
-
 @pytest.mark.parametrize("mode", MODES)
 def test_margins_are_the_quantities_they_are_named_after(case: Case, mode: Mode) -> None:
     for z in case.states():
@@ -162,10 +115,3 @@ def test_touchdown_margin_is_minus_the_guard_and_zero_when_the_swing_foot_meets_
     z[0] += 0.01
     (margins,) = numbers(case.system.margins(Mode.STICK)(0, z, case.p, []))
     assert margins[0] < 0
-
-
-def test_compass_stands_by_the_weight_of_its_masses() -> None:
-    """At rest with both legs along the normal of level ground the normal force is the weight."""
-    level = Case(CompassBiped(**{**COMPASS, "slope": 0.0}), CASES["compass_biped"].oracle)
-    _, force = flow_and_force(level, Mode.STICK, np.zeros(6))
-    np.testing.assert_allclose(force, [0.0, (2 * COMPASS["leg_mass"] + COMPASS["hip_mass"]) * COMPASS["gravity"]])

@@ -13,10 +13,8 @@ from scipy.integrate import solve_ivp
 
 import gaitopt as go
 from gaitopt import Damper, Mode, check_walker
-from gaitopt.errors import ProblemError
 from gaitopt.gait.measures import observe
 from gaitopt.model.walkers.telescopic import TelescopicCompass
-from gaitopt.model.walkers.torso import TorsoWalker
 
 
 def torso_positions(w, q):
@@ -104,33 +102,6 @@ def test_the_swing_foot_of_the_telescopic_leg_clears_the_ground():
     assert heights[2:].min() > 0
     softer = gait.problem.replace({"walker.stiffness": 100})
     assert go.simulate(softer).trajectory.ending == "scuffing"
-
-
-@pytest.mark.parametrize(
-    ("name", "key", "to"),
-    [
-        ("torso-passive", "walker.hip_damping", 0.0),
-        pytest.param("telescopic-passive", "walker.damping", 1.2, marks=pytest.mark.slow),
-    ],
-)
-def test_gaits_are_continued_in_their_damping(name, key, to):
-    branch = go.continuation(named(name), key, to)
-    assert branch.points[-1].gait.converged
-    if to == 0.0:
-        ends = [point.gait for point in branch.points if abs(dict(point.gait.problem.walker)["hip_damping"]) < 1e-9]
-        assert ends
-        assert ends[0].measures["damping_loss"] == pytest.approx(0, abs=1e-9)
-        assert ends[0].spectral_radius == pytest.approx(0.7664, abs=5e-5)
-
-
-def test_a_damper_that_drives_is_refused():
-    class Driven(TorsoWalker):
-        @classmethod
-        def mechanism(cls, q, p):
-            return replace(super().mechanism(q, p), dampers=(Damper(coefficient=-0.1, across=q.torso),))
-
-    with pytest.raises(ProblemError, match="dampers give energy"):
-        check_walker(Driven, named("torso-passive").problem.walker.model_dump())
 
 
 def test_a_damper_at_the_ankle_acts_on_the_leg_that_stands():

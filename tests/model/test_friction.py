@@ -12,7 +12,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import COULOMB, STATIC_KINETIC
+from gaitopt.model.friction import STATIC_KINETIC
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.simulation.contact_resolver import ContactResolver
@@ -51,13 +51,6 @@ def test_a_sticking_foot_is_held_by_static_friction():
         f_t, f_n = np.asarray(system.observation(Mode.STICK)(0, z, p, [])[0]).ravel()
         margins = np.asarray(system.margins(Mode.STICK)(0, z, p, [])).ravel()
         np.testing.assert_allclose(margins[3:], [STATIC * f_n + f_t, STATIC * f_n - f_t], rtol=1e-12)
-
-
-def test_one_number_is_the_static_and_the_kinetic_coefficient_without_drag():
-    assert COULOMB.coefficients([0.3]) == (0.3, 0.3, 0.0)
-    assert STATIC_KINETIC.coefficients([0.5, 0.3, 2.0]) == (0.5, 0.3, 2.0)
-    assert STATIC_KINETIC.may_drop
-    assert not COULOMB.may_drop
 
 
 def test_equal_coefficients_are_one_coefficient():

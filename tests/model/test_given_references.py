@@ -140,27 +140,10 @@ def test_joints_may_follow_those_of_another_walker() -> None:
     assert torque(problem, 0.2) == pytest.approx(pd(angle, rate), abs=1e-9)
 
 
-def test_the_motion_of_a_gait_over_a_phase_is_that_of_its_curve() -> None:
-    """The gait of virtual constraints follows a Bezier curve over theta1 exactly; its fit gives the curve back."""
-    source = go.load_problem("compass-virtual-constraint")
-    rows = {"theta2": [*source.control.reference.bezier["theta2"]]}  # type: ignore[attr-defined]
-    given = with_reference({"bezier": rows, "phase": "theta1", "span": [-0.1, 0.1]})
-    followed = with_reference({"gait": source.name, "phase": "theta1", "joints": {"theta2": "theta2"}, "degree": 6})
-    for theta1 in (-0.07, 0.04, 0.12):
-        z = np.array([theta1, *STATE[1:]])
-        assert torque(followed, 0.5, z) == pytest.approx(torque(given, 0.5, z), abs=1e-6)
+def test_a_gait_cannot_be_followed_over_a_phase_that_turns_back_in_it() -> None:
     turning = {"gait": "compass-passive-b", "phase": "theta2", "joints": {"theta1": "theta1"}, "degree": 6}
     with pytest.raises(SolveError, match="the phase variable theta2 is not monotone along compass-passive-b: it t"):
-        problem_dynamics(given.replace({"control.reference": turning}))
-    assert restore_problem(followed.resolved()).digest == followed.digest
-
-
-def test_control_points_are_parameters() -> None:
-    problem = with_reference({"bezier": {"theta2": POINTS}, "duration": 0.8, "beyond_end": "hold"})
-    assert problem.parameters["control.reference.theta2.2"] == 0.3
-    other = problem.replace({"control.reference.theta2.2": "10 deg"})
-    assert other.parameters["control.reference.theta2.2"] == radians(10)
-    assert problem_dynamics(problem).system is problem_dynamics(other).system
+        problem_dynamics(with_reference(turning))
 
 
 @pytest.mark.slow
@@ -280,16 +263,6 @@ def test_free_curves_need_no_start_where_points_and_duration_or_span_are_given()
         assert len(mine.control.unknowns(walker)) == 3
 
 
-def test_free_curves_over_a_phase_start_from_a_gait() -> None:
-    source = go.load_problem("compass-virtual-constraint")
-    rows = source.control.reference.bezier["theta2"]  # type: ignore[attr-defined]
-    curve = {"curve": {"degree": 6, "start": source.name}, "phase": "theta1", "joints": {"theta2": "theta2"}}
-    law = problem_dynamics(with_reference(curve, objective="torque_squared")).system.control
-    assert [*law.parameters.values()][2:] == pytest.approx(rows, abs=1e-6)
-    assert span(law) == pytest.approx((-0.1, 0.1), abs=1e-9)  # type: ignore[attr-defined]
-    assert len(law.unknowns(type(source.walker))) == 7
-
-
 def test_a_phase_that_the_walker_names() -> None:
     """The position of the hip: its rate is that of the angle times l cos(theta1)."""
     text = go.load_problem(NAME).text.replace("compass_biped", "hip_compass")
@@ -313,6 +286,7 @@ def test_a_gait_is_followed_over_a_phase_that_the_walker_names(tmp_path: Path) -
     reference = "gait: source.yaml, phase: hip_x, joints: {theta2: theta2}, degree: 10"
     text = text.replace("table: compass-table.csv, beyond_end: hold", reference)
     problem = go.parse_problem(text, tmp_path / "follower.yaml", walkers=[HipCompass])
+    assert restore_problem(problem.resolved(), walkers=[HipCompass]).digest == problem.digest
     law = problem_dynamics(problem).system.control
     assert span(law) == pytest.approx((-1.6 * np.sin(0.1), 1.6 * np.sin(0.1)), abs=1e-9)  # type: ignore[attr-defined]
     assert law.reference.motion().fit_errors["theta2"] < 1e-6  # type: ignore[attr-defined]
@@ -389,7 +363,6 @@ def test_the_gait_of_a_stored_run_can_be_followed(file: Path) -> None:
         ("t,theta2\n0,0.1\n0.1\n", "swing.csv:3: 1 entries, but there are 2 columns"),
         ("# degrees\nt,theta2 [deg]\n\n0,1\n0.1,x\n", "swing.csv:5: 'x' is not a number"),
         ("t,theta2\n0,0\n0.1,1_0\n", "swing.csv:3: '1_0' is not a number"),
-        ("t,theta2\n0,0\n0.1,\u0661\n", "swing.csv:3: '\u0661' is not a number"),
         ("t,theta2\n0,0\n0.1,nan\n", "swing.csv:3: theta2 = nan is not a finite number"),
         ("t,theta2\n0,0\n0.2,1e9\n", "swing.csv:3: theta2 = 1e9 is not a finite number of at most 1000"),
         ("t,theta2\n0,0\n0.2,0\n0.2,0.1\n", "swing.csv:4: t = 0.2 after 0.2; it must increase from row to row"),

@@ -1,4 +1,4 @@
-"""Impact: eqs (8)-(11) in NumPy, momentum and energy balance, the swap of the feet, the wheel's closed forms."""
+"""Impact: eqs (8)-(11) in NumPy, momentum and energy balance, and the swap of the feet."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from casadi import Function
 from foot_impacts import around, foot_impact
-from oracles import CASES, FRICTION, SLIPS, WHEEL, Case, differences, numbers
+from oracles import FRICTION, SLIPS, Case, differences, numbers
 
 from gaitopt import ImpactLaw, Mode
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 Array = np.ndarray
 MODES = CONTACTS
@@ -118,17 +117,6 @@ def test_jacobian_agrees_with_central_differences(case: Case, mode: Mode, law: I
         np.testing.assert_allclose(jacobian, expected, rtol=1e-6, atol=1e-7)
 
 
-@pytest.mark.parametrize("kappa", [0.0, 0.3, 1.0])
-def test_wheel_keeps_beta_of_its_rate_as_in_equation_15_and_needs_the_impulse_ratio_of_equation_19(kappa):
-    wheel, angle = RimlessWheel(**{**WHEEL, "inertia_ratio": kappa}), np.pi / WHEEL["spokes"]
-    case = Case(wheel, CASES["rimless_wheel"].oracle)
-    z_plus, impulse, *_ = numbers(foot_impact(case.system, Mode.STICK)([angle, 0.0, 1.0, 0.0], case.p))
-    beta = (np.cos(2 * angle) + kappa) / (1 + kappa)
-    np.testing.assert_allclose(z_plus, [-angle, 2 * WHEEL["radius"] * np.sin(angle), beta, 0], rtol=1e-13, atol=1e-15)
-    ratio = np.sin(2 * angle) / (2 * (kappa + np.cos(angle) ** 2))
-    assert abs(impulse[0]) / impulse[1] == pytest.approx(ratio, rel=1e-12)
-
-
 def test_state_after_an_impact_is_on_the_section_and_back(case: Case) -> None:
     """Lifting the section coordinates of a state after an impact gives the state again, x counted from the foot."""
     for mode in MODES:
@@ -137,14 +125,3 @@ def test_state_after_an_impact_is_on_the_section_and_back(case: Case) -> None:
             z_plus[case.n] = 0.0
             xi = z_plus[case.system.section(mode).indices]
             np.testing.assert_allclose(Dynamics(case.system, case.p).lift(xi), z_plus, atol=1e-14)
-
-
-def test_exactly_one_impact_is_consistent_on_either_side_of_the_friction_that_sticking_needs() -> None:
-    case = CASES["compass_biped"]
-    z = np.array([0.3, 0.3, 0.0, 1.0, 0.2, 0.0])
-    _, impulse, *_ = numbers(foot_impact(case.system, Mode.STICK)(z, case.p))
-    needed = abs(impulse[0]) / impulse[1]
-    for mu, consistent in ((1.01 * needed, []), (0.99 * needed, [Mode.slip(-impulse[0])])):
-        p = np.append(case.numbers, mu)
-        slips = {mode: numbers(foot_impact(case.system, mode)(z, p))[2].item() for mode in SLIPS}
-        assert [mode for mode, velocity in slips.items() if velocity * mode.direction > 0] == consistent

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from casadi import SX, Function, densify, vertcat
 from foot_impacts import foot_impact
-from oracles import CASES, WHEEL, Case, differences, directional, numbers, state_for
+from oracles import CASES, Case, differences, directional, numbers, state_for
 
 from gaitopt import ImpactLaw, Mode, Walker, equations_of_motion, load_problem
 from gaitopt.model.buffered import WIDTH, BufferedFunction, RowMap
-from gaitopt.model.contacts import LOCKED, NORMAL, TANGENTIAL, constraint_structure
+from gaitopt.model.contacts import NORMAL, TANGENTIAL, constraint_structure
 from gaitopt.model.control import NoControl
 from gaitopt.model.curve import BeyondEnd, Piece, continued
 from gaitopt.model.dynamics import Dynamics
@@ -25,7 +25,6 @@ from gaitopt.model.walkers.flat_foot import FlatFoot
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.model.walkers.kneed import KneedWalker
-from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.model.walkers.slip_walker import SlipWalker
 from gaitopt.model.walkers.torso import TorsoWalker
 from gaitopt.systems import build_system
@@ -120,23 +119,6 @@ def matrices(case: Case, z: np.ndarray) -> SimpleNamespace:
     return SimpleNamespace(**dict(zip(names, (np.asarray(m) for m in function(z, case.numbers)), strict=True)))
 
 
-def test_wheel_has_the_matrices_of_equation_12() -> None:
-    case = CASES["rimless_wheel"]
-    m, R, kappa, g, alpha = (WHEEL[key] for key in ("mass", "radius", "inertia_ratio", "gravity", "slope"))
-    paper_order = [1, 2, 0]  # (x, y, theta)
-    for z in case.states():
-        theta, dtheta = z[0], z[2]
-        terms = matrices(case, z)
-        s, c = np.sin(theta), np.cos(theta)
-        M = m * np.array([[1, 0, R * c], [0, 1, -R * s], [R * c, -R * s, R**2 * (1 + kappa)]])
-        B = m * R * dtheta**2 * np.array([-s, -c, 0])
-        G = m * g * np.array([-np.sin(alpha), np.cos(alpha), -R * np.sin(alpha + theta)])
-        np.testing.assert_allclose(terms.M[np.ix_(paper_order, paper_order)], M, atol=1e-14)
-        np.testing.assert_allclose(terms.B.ravel()[paper_order], B, atol=1e-14)
-        np.testing.assert_allclose(terms.G.ravel()[paper_order], G, atol=1e-13)
-        assert terms.E.shape == (3, 0)
-
-
 def test_compass_is_driven_as_printed_ankle_on_theta1_and_hip_on_both_and_the_torso_against_the_stance_leg() -> None:
     for name, expected in (
         ("compass_biped", [[1, 1], [0, 1], [0, 0], [0, 0]]),
@@ -217,12 +199,6 @@ def test_the_motion_of_every_mode_satisfies_newtons_law_and_its_constraints(walk
                 assert f_t == pytest.approx(-mode.directions[name] * FRICTION * f_n, rel=1e-12, abs=1e-9 * size)
 
 
-def test_a_locked_stop_is_a_constraint_of_its_mode() -> None:
-    free, locked = Mode("stick, knee free"), Mode("stick, knee locked")
-    assert ("knee", LOCKED) in constraint_structure(KneedWalker, locked).constraints
-    assert len(constraint_structure(KneedWalker, free).constraints) == 2
-
-
 def test_the_compass_is_measured_by_its_leg_weight_and_fall() -> None:
     walker = CompassBiped(leg_length=1.6, leg_mass=4, leg_com=0.8, hip_mass=2, gravity=9.8, slope=0.02)
     system = HybridSystem(CompassBiped, NoControl())
@@ -233,24 +209,6 @@ def test_the_compass_is_measured_by_its_leg_weight_and_fall() -> None:
     assert scales.force == pytest.approx(98, rel=1e-14)
     assert scales.energy == pytest.approx(98 * 1.6, rel=1e-14)
     assert scales.impulse == pytest.approx(10 * scales.speed, rel=1e-14)
-
-
-@pytest.mark.parametrize("mode", CONTACTS)
-def test_margins_in_natural_units_do_not_depend_on_the_units_of_the_problem(mode: Mode) -> None:
-    system = HybridSystem(RimlessWheel, NoControl())
-    length, time, mass = 1e3, 3e-2, 7e2
-    wheel = RimlessWheel(spokes=10, radius=0.5, mass=2, inertia_ratio=0.2, gravity=9.8, slope=0.2)
-    other = wheel.model_copy(update={"radius": 0.5 * length, "mass": 2 * mass, "gravity": 9.8 * length / time**2})
-    z = np.array([-0.1, 0.0, 1.2, 0.3])
-    dimensionless = []
-    for w in (wheel, other):
-        p = np.array([*w.model_dump().values(), 0.4])
-        dynamics = Dynamics(system, p)
-        state = z * dynamics.state_units
-        margins = np.asarray(system.margins(mode)(0, state, p, [])).ravel()
-        dimensionless.append(margins / dynamics.margin_units(mode))
-    assert len(system.transitions.of(mode)) == dimensionless[0].size
-    np.testing.assert_allclose(dimensionless[0], dimensionless[1], rtol=1e-13)
 
 
 def test_a_buffered_function_gives_what_the_function_gives() -> None:

@@ -1,7 +1,6 @@
-"""Push-off against momentum balances of its own, the limit of light legs, friction under the pushing foot, designs."""
+"""Push-off against momentum balances of its own, and designs; friction under it is tested in ``test_combinations``."""
 
-from functools import cache
-from math import cos, sin, tan
+from math import cos, sin
 
 import numpy as np
 import pytest
@@ -9,8 +8,6 @@ from named import named
 from oracles import compass_oracle
 
 import gaitopt as go
-from gaitopt.model.dynamics import Dynamics
-from gaitopt.simulation.simulator import Simulator
 
 NAME = "compass-push-off"
 
@@ -43,42 +40,6 @@ def test_the_gait_is_a_fixed_point_of_the_step_by_hand():
     assert np.poly(gait.multipliers) == pytest.approx(np.poly(J), abs=1e-6)
 
 
-def test_with_light_legs_the_push_is_that_of_the_closed_form():
-    """P = m l |dtheta| tan(theta): hip and push alone decide."""
-    light = {"walker.leg_mass": 1e-5, "walker.push": {"free": [0.5, 10], "guess": 4}}
-    request = {"constraints": {"step_length": 0.4}, "friction": 1}
-    gait = go.solve(named(NAME).problem.replace({**light, **request}))
-    assert gait.converged, gait.message
-    theta, rate = gait.arcs[-1].states[-1][[0, 3]]
-    assert gait.freed["walker.push"] == pytest.approx(10 * abs(rate) * tan(theta), rel=1e-4)
-
-
-@cache
-def downhill():
-    """A gait whose push needs more friction than its impact; on level ground both need the same."""
-    return go.solve(named(NAME).problem.replace({"walker.slope": "0.3 deg", "friction": 1}))
-
-
-def test_push_needs_the_friction_of_the_direction_of_the_leg():
-    gait = downhill()
-    needed = tan(gait.arcs[-1].states[-1][0])
-    for factor, ending in ((1 + 1e-9, "completed"), (1 - 1e-9, "push_slips")):
-        p = gait.p.copy()
-        p[-1] = factor * needed
-        assert Simulator(Dynamics(gait.system, p)).step(gait.state).ending == ending
-    state = dict(zip(gait.system.state_names, map(float, gait.state), strict=True))
-    changes = {"friction": 0.999 * needed, "gait.guess.state": state}
-    failed = go.solve(gait.problem.replace(changes))
-    assert not failed.converged
-    assert "push-off: needs friction 0.2272" in failed.message
-
-
-def test_families_end_where_the_push_slips():
-    end = go.continuation(downhill(), "friction", 0.15).specials[-1]
-    assert end.value == pytest.approx(tan(downhill().arcs[-1].states[-1][0]), abs=1e-8)
-    assert end.reason == "the foot that pushes off slips"
-
-
 def test_a_push_is_designed_for_speed_and_for_cost():
     problem = named(NAME).problem
     free = {"walker.push": {"free": [1, 8], "guess": 4}}
@@ -97,13 +58,3 @@ def test_without_a_push_nothing_replaces_what_the_impact_takes():
     failed = go.solve(named(NAME).problem.replace({"walker.push": 0}))
     assert not failed.converged
     assert "no source of energy" in failed.message
-
-
-def test_a_push_of_nothing_leaves_the_compass():
-    compass = named("compass-passive-stick")
-    numbers = {f"walker.{key}": value for key, value in compass.problem.walker}
-    state = dict(zip(compass.system.state_names, map(float, compass.state), strict=True))
-    gait = go.solve(named(NAME).problem.replace({**numbers, "walker.push": 0, "gait.guess.state": state}))
-    assert gait.state == pytest.approx(compass.state, abs=1e-11)
-    assert gait.multipliers == pytest.approx(compass.multipliers, abs=1e-9)
-    assert gait.measures["work"] == 0

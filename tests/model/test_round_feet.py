@@ -8,7 +8,6 @@ from named import named
 from oracles import constrained, jacobian, slope_gravity, up
 from scipy.integrate import solve_ivp
 
-import gaitopt as go
 from gaitopt import Mode
 from gaitopt.gait.measures import observe
 from gaitopt.model.control import NoControl
@@ -83,25 +82,6 @@ def test_motion_and_force_are_those_of_constraints_at_the_contact(mode, s):
         assert dz[5] == pytest.approx(by_hand[6] - R * by_hand[4], abs=1e-7)
         own = np.asarray(system.observation(Mode(mode))(0, z, p, [])[0]).ravel()
         assert own[1] == pytest.approx(force[-1], abs=1e-7)
-
-
-def test_point_feet_are_those_of_the_compass():
-    round_feet = named("round-feet-passive").problem
-    points = go.solve(round_feet.replace({
-        "walker.foot_radius": 0, "walker.leg_inertia": 0, "friction": 0.3,
-        "gait.guess.state": {"theta1": -0.16, "dtheta1": 0.18, "dtheta2": -0.08},
-    }))  # fmt: skip
-    assert points.converged, points.message
-    state = dict(zip(points.system.state_names, map(float, points.state), strict=True))
-    compass = go.solve(named("compass-passive-stick").problem.replace({
-        "walker.leg_length": L, "walker.leg_mass": M_LEG, "walker.leg_com": B, "walker.hip_mass": M_HIP,
-        "walker.gravity": 1, "walker.slope": SLOPE, "friction": 0.3,
-        "gait.guess.state": {name: state[name] for name in ("theta1", "dtheta1", "dtheta2")},
-    }))  # fmt: skip
-    assert points.state == pytest.approx(compass.state, abs=1e-10)
-    assert points.multipliers == pytest.approx(compass.multipliers, abs=1e-8)
-    for name in ("period", "step_length", "required_friction", "impulse_ratio", "foot_clearance"):
-        assert points.measures[name] == pytest.approx(compass.measures[name], abs=1e-10)
 
 
 def test_arcs_are_drawn_and_touch_the_ground():

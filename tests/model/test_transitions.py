@@ -10,11 +10,10 @@ from gaitopt.model.control import NoControl
 from gaitopt.model.friction import STATIC_KINETIC, shared_friction
 from gaitopt.model.registry import registered_walkers
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import FOOT, MARGINS, Ending, margin, transitions
+from gaitopt.model.transitions import transitions
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.model.walkers.kneed import KneedWalker
-from gaitopt.model.walkers.slip_runner import SlipRunner
 
 REGISTERED = sorted(registered_walkers().values(), key=lambda walker: walker.model)
 WALKERS = [walker for walker in REGISTERED if not walker.contacts]
@@ -58,27 +57,6 @@ def test_the_compiled_margins_are_those_of_the_table(walker):
         assert system.impact_margins(struck, before).numel_out(0) == len(table.of_impact(struck, before))
 
 
-def test_a_slip_begins_at_its_edge_of_the_cone_and_ends_at_rest_and_lift_off_ends_a_walk_but_not_a_run():
-    table, (forward, backward) = transitions(CompassBiped), (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
-    assert table.between(Mode.STICK, forward).guard == "cone_forward"
-    assert table.between(Mode.STICK, backward).guard == "cone_backward"
-    assert {table.between(forward, after).guard for after in (Mode.STICK, backward)} == {"slip_velocity"}
-    stops = table.of(forward)["slip_velocity"]
-    assert (stops.at_rest, stops.candidates) == ((FOOT,), (Mode.STICK, forward, backward))
-    assert table.of(Mode.STICK)["normal_force"].ending is Ending.LIFT_OFF
-    assert transitions(SlipRunner).of(Mode.STICK)["normal_force"].candidates == (Mode.FLIGHT,)
-
-
-def test_a_stop_locks_with_an_impact_and_before_that_the_foot_must_not_land():
-    table = transitions(KneedWalker)
-    free, locked = Mode("stick, knee free"), Mode("stick, knee locked")
-    assert table.of(free)["clearance"].ending is Ending.SCUFFING
-    assert table.between(free, locked).reset.of == "knee"
-    assert table.between(locked, None).ends_step
-    with pytest.raises(ValueError, match="no event of the kneed_walker leads"):
-        table.between(free, None)
-
-
 @pytest.mark.parametrize("walker", WALKERS, ids=IDS)
 def test_a_cycle_that_no_event_goes_through_is_refused(walker):
     table = transitions(walker)
@@ -86,6 +64,11 @@ def test_a_cycle_that_no_event_goes_through_is_refused(walker):
     for last in {*table.modes} - {*lands}:
         with pytest.raises(ValueError, match=r"stops|flight"):
             table.check(Cycle.of_one_step((last,), table.landed[0].contact))
+
+
+def test_an_end_of_the_step_that_no_event_reaches_is_an_error():
+    with pytest.raises(ValueError, match="no event of the kneed_walker leads"):
+        transitions(KneedWalker).between(Mode("stick, knee free"), None)
 
 
 def test_margins_that_an_event_makes_zero_are_zero_there():
@@ -99,39 +82,6 @@ def test_margins_that_an_event_makes_zero_are_zero_there():
     z, p = rng.normal(size=system.n_z), rng.uniform(0.5, 1.5, len(system.parameters))
     cone = dict(zip(massless.of(stick), np.asarray(system.margins(stick)(0, z, p, [])).ravel(), strict=True))
     assert cone["cone_forward"] + cone["cone_backward"] == pytest.approx(2 * p[-1] * cone["normal_force"])
-
-
-def test_a_breakpoint_is_a_transition_whose_guard_is_the_time():
-    """What a foot can do there is what it can do after a switch; no margin is zero, and the state is continuous."""
-    for table in TABLES:
-        for mode in table.modes:
-            row = table.at_breakpoint(mode)
-            assert (row.guard, row.margin.unit) == ("breakpoint", "time")
-            assert (row.zeros, row.reset, row.ending) == ((), None, None)
-            assert row.at_rest == (("foot",) if mode.sticks else ())
-            assert mode in row.candidates
-            assert all(after.stops == mode.stops for after in row.candidates)
-            if mode.sticks:
-                assert row.candidates == table.at_rest(mode)
-            assert any(not after.touching for after in row.candidates) == (table.walker.flies or not mode.touching)
-    assert transitions(CompassBiped).at_breakpoint(Mode.SLIP_FORWARD).candidates == (Mode.SLIP_FORWARD,)
-
-
-def test_a_timed_phase_ends_with_the_transition_of_the_breakpoint():
-    table, cycle = transitions(CompassBiped), Cycle.of_one_step((Mode.STICK, Mode.SLIP_BACKWARD), Mode.STICK)
-    assert [table.ending(cycle, phase).guard for phase in (0, 1)] == ["cone_backward", "touchdown"]
-    assert [table.ending(cycle.with_timed((0,)), phase).guard for phase in (0, 1)] == ["breakpoint", "touchdown"]
-
-
-def test_words_about_a_contact_name_it() -> None:
-    assert margin("gap.left").lost == "the contact left touches the ground"
-    assert margin("gap.left").absent == "the contact left does not come down"
-    assert margin("gap").lost == "the contact touches the ground"
-    assert margin("cone_forward.left").lost.endswith("the contact left slips forward")
-    assert margin("normal_force.left").lost == "the contact left lifts off: its normal force falls to zero"
-    assert margin("slip_velocity.left").absent == "the contact left does not come to rest"
-    assert margin("normal_force") is MARGINS["normal_force"]
-    assert not any("touchdown" in margin(name).absent for name in ("cone_forward", "cone_backward"))
 
 
 def test_a_foot_must_move_up_where_the_impact_of_a_stop_lifts_it_and_not_where_it_is_in_flight() -> None:

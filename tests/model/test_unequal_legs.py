@@ -9,11 +9,8 @@ from named import named
 from oracles import compass_oracle
 
 import gaitopt as go
-from gaitopt import GaitoptError, check_walker
+from gaitopt import GaitoptError
 from gaitopt.errors import SolveError
-from gaitopt.model.control import NoControl
-from gaitopt.model.system import HybridSystem
-from gaitopt.model.walkers.unequal_compass import UnequalCompass
 from gaitopt.solver.assembly import solution_of
 
 
@@ -80,15 +77,6 @@ def test_the_family_of_limps_starts_from_the_symmetric_gait_walked_twice():
     assert end.state == pytest.approx(named("compass-unequal").state, abs=1e-8)
 
 
-def test_whichever_leg_stands_first_the_walk_is_the_same():
-    gait = named("compass-unequal")
-    changed = {"walker.leg_mass": 4.4, "walker.other_leg_mass": 4.0}
-    second = dict(zip(gait.system.state_names, map(float, gait.steps[1].arcs[0].states[0]), strict=True))
-    other = go.solve(gait.problem.replace({**changed, "gait.guess.state": second}))
-    assert [s.period for s in other.steps] == pytest.approx([s.period for s in gait.steps][::-1], abs=1e-10)
-    assert sorted(abs(other.multipliers)) == pytest.approx(sorted(abs(gait.multipliers)), abs=1e-8)
-
-
 @pytest.mark.parametrize(
     "gait",
     [
@@ -99,20 +87,6 @@ def test_whichever_leg_stands_first_the_walk_is_the_same():
 def test_a_cycle_of_an_odd_number_of_steps_is_refused(gait):
     with pytest.raises(GaitoptError, match=r"where the legs differ, a cycle has 2, 4"):
         named("compass-unequal").problem.replace({"gait": gait})
-
-
-def test_legs_that_differ_must_be_exchanged():
-    class Forgetful(UnequalCompass):
-        exchanged = {}  # noqa: RUF012
-
-    with pytest.raises(GaitoptError, match="masses jump"):
-        check_walker(Forgetful, named("compass-unequal").problem.walker.model_dump())
-
-    class Misspelt(UnequalCompass):
-        exchanged = {"leg_mass": "other_mass"}  # noqa: RUF012
-
-    with pytest.raises(GaitoptError, match="exchanged names other_mass"):
-        HybridSystem(Misspelt, NoControl())
 
 
 @pytest.mark.parametrize("key", ["walker.leg_mass", "walker.other_leg_com", "walker.hip_mass"])

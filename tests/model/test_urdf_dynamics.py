@@ -1,4 +1,4 @@
-"""Equations of robots from URDF against two programs that read the same files: Newton-Euler recursions, and Pinocchio.
+"""Equations of robots from URDF against Pinocchio, which reads the same files, and against a class of the package.
 
 Our coordinates are the angles of the links, and x and y of the stance foot.
 """
@@ -6,20 +6,15 @@ Our coordinates are the angles of the links, and x and y of the stance foot.
 from functools import cache
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 from casadi import Function
-from foot_impacts import foot_impact
 from numpy.typing import NDArray
 from robots import feet, tree, urdf
 from samples import sampled
-from scipy.spatial.transform import Rotation
 
-from gaitopt import Mode, check_walker, equations_of_motion
-from gaitopt.model.control import NoControl
-from gaitopt.model.system import HybridSystem
+from gaitopt import check_walker, equations_of_motion
 from gaitopt.model.urdf import UrdfWalker, walker_from_text
 from gaitopt.model.walkers.rabbit import Rabbit
 
@@ -40,113 +35,13 @@ def robot(which: str | int) -> tuple[type[UrdfWalker], str]:
     return walker_from_text(text, names, "tree.urdf"), text
 
 
-def hanging(walker: type[UrdfWalker]) -> dict[str, float]:
-    """Angle of every link in the pose of the file when its coordinate is zero: RABBIT's legs point up in its file."""
-    return {name: np.pi if walker.model == "rabbit" and name != "torso" else 0.0 for name in walker.shape}
-
-
-class NewtonEuler:
-    """Newton's and Euler's equations of every link in space: motion outwards from the root, forces inwards to it."""
-
-    def __init__(self, walker: type[UrdfWalker], text: str) -> None:
-        robot = ET.fromstring(text)
-        self.walker, self.inertials, self.joints = walker, {}, {}
-        self.links = [link.attrib["name"] for link in robot.iter("link")]
-        for link in robot.iter("link"):
-            entry = link.find("inertial")
-            if entry is not None:
-                R, r = self._origin(entry)
-                ixx, ixy, ixz, iyy, iyz, izz = (
-                    float(entry.find("inertia").attrib[key]) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-                )
-                tensor = R @ np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) @ R.T
-                self.inertials[link.attrib["name"]] = float(entry.find("mass").attrib["value"]), r, tensor
-        for joint in robot.iter("joint"):
-            axis = joint.find("axis")
-            turns = joint.attrib["type"] != "fixed"
-            along = np.array(axis.attrib["xyz"].split(), dtype=float) if turns and axis is not None else np.zeros(3)
-            child, parent = joint.find("child").attrib["link"], joint.find("parent").attrib["link"]
-            self.joints[child] = parent, *self._origin(joint), along, turns
-        self.order = [name for name in self.links if name not in self.joints]
-        for name in self.order:
-            self.order += [child for child, joint in self.joints.items() if joint[0] == name]
-
-    @staticmethod
-    def _origin(element: ET.Element) -> tuple[Array, Array]:
-        origin = element.find("origin")
-        stated = {} if origin is None else origin.attrib
-        xyz, rpy = (np.array(stated.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
-        return Rotation.from_euler("xyz", rpy).as_matrix(), xyz
-
-    def _forces(self, s: Array, ds: Array, dds: Array, g: float) -> tuple[Array, Array]:
-        """Generalised forces of a motion in our coordinates, and the derivative of the swing foot."""
-        n, root, rest = len(self.walker.shape), self.order[0], hanging(self.walker)
-        turn = {name: s[k] + rest[name] for k, name in enumerate(self.walker.shape)}
-        unit = dict(zip(self.walker.shape, np.eye(n + 2), strict=False))
-        body, y = {root: root}, np.array([0.0, 1.0, 0.0])
-        R, r = {root: Rotation.from_rotvec(turn[root] * y).as_matrix()}, {root: np.zeros(3)}
-        spin = {root: np.outer(y, unit[root])}  # columns: angular velocity and velocity for a unit rate
-        move = {root: np.zeros((3, n + 2))}
-        axes = {}
-        for name in self.order[1:]:
-            parent, turned, shift, axis, turns = self.joints[name]
-            body[name] = name if turns else body[parent]
-            r[name] = r[parent] + R[parent] @ shift
-            move[name] = move[parent] + np.cross(spin[parent], r[name] - r[parent], axis=0)
-            R[name], spin[name] = R[parent] @ turned, spin[parent]
-            if turns:
-                axes[name] = R[name] @ axis / np.linalg.norm(axis)
-                sign = np.sign(axes[name][1])
-                rate = sign * (unit[name] - unit[body[parent]])
-                angle = sign * (turn[name] - turn[body[parent]])
-                R[name] = Rotation.from_rotvec(angle * axes[name]).as_matrix() @ R[name]
-                spin[name] = spin[parent] + np.outer(axes[name], rate)
-        stance, swing = self.walker.feet
-        on_foot = np.zeros((3, n + 2))
-        on_foot[[0, 2], [n, n + 1]] = 1.0
-        shift = on_foot - move[stance]  # the root moves so that the stance foot does what x and y say
-        omega = {name: spin[name] @ ds for name in self.order}
-        alpha = {name: spin[name] @ dds for name in self.order}  # the axes keep their direction
-        a = {root: np.zeros(3)}
-        for name in self.order[1:]:
-            parent = self.joints[name][0]
-            arm = r[name] - r[parent]
-            a[name] = a[parent] + np.cross(alpha[parent], arm) + np.cross(omega[parent], np.cross(omega[parent], arm))
-        start = np.array([dds[n], 0.0, dds[n + 1]]) - a[stance]
-        force = {name: np.zeros(3) for name in self.order}
-        moment = {name: np.zeros(3) for name in self.order}  # about the link's origin
-        Q = np.zeros(n + 2)
-        for name in reversed(self.order):
-            if name in self.inertials:
-                mass, com, tensor = self.inertials[name]
-                arm, inertia = R[name] @ com, R[name] @ tensor @ R[name].T
-                w = omega[name]
-                at_com = a[name] + start + np.cross(alpha[name], arm) + np.cross(w, np.cross(w, arm))
-                pull = mass * (at_com + np.array([0.0, 0.0, g]))
-                force[name] = force[name] + pull
-                moment[name] = moment[name] + inertia @ alpha[name] + np.cross(w, inertia @ w) + np.cross(arm, pull)
-            if name in self.joints:
-                parent = self.joints[name][0]
-                if name in axes:
-                    Q += (axes[name] @ moment[name]) * (axes[name] @ (spin[name] - spin[parent]))
-                force[parent] = force[parent] + force[name]
-                moment[parent] = moment[parent] + moment[name] + np.cross(r[name] - r[parent], force[name])
-        Q += moment[root] @ spin[root] + force[root] @ shift
-        return Q, (move[swing] + shift)[[0, 2]]
-
-    def at(self, s: Array, ds: Array) -> tuple[Array, Array, Array, Array]:
-        """Mass matrix, velocity terms with gravity, gravity, and Jacobian of the swing foot."""
-        rest = np.zeros(ds.size)
-        M = np.array([self._forces(s, rest, column, 0.0)[0] for column in np.eye(ds.size)]).T
-        gravity, jacobian = self._forces(s, rest, rest, 9.81)
-        return M, self._forces(s, ds, rest, 9.81)[0], gravity, jacobian
-
-
 class Pinocchio:
     """Pinocchio's model with a free base, restricted to the plane."""
 
     def __init__(self, walker: type[UrdfWalker], text: str) -> None:
-        self.walker, self.hanging = walker, hanging(walker)
+        """RABBIT's legs point up in the pose of its file."""
+        up = walker.model == "rabbit"
+        self.walker, self.hanging = walker, {name: np.pi * (up and name != "torso") for name in walker.shape}
         self.model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
         self.data = self.model.createData()
         self.stance, self.swing = (self.model.getFrameId(foot) for foot in walker.feet)
@@ -190,18 +85,11 @@ class Pinocchio:
         return P.T @ M @ P, P.T @ bias, P.T @ gravity, jacobian(self.swing) @ P
 
 
-@pytest.fixture(params=[NewtonEuler, Pinocchio])
-def oracle(request: pytest.FixtureRequest) -> Any:
-    """Another program that reads a file."""
-    if request.param is Pinocchio and pin is None:
-        pytest.skip("Pinocchio is not installed")
-    return request.param
-
-
 @pytest.mark.parametrize("which", sampled(ROBOTS, 3))
-def test_mass_matrix_gravity_and_velocity_terms_are_those_of_another_program(which: str | int, oracle: Any) -> None:
+@pytest.mark.skipif(pin is None, reason="Pinocchio is not installed")
+def test_mass_matrix_gravity_and_velocity_terms_are_those_of_another_program(which: str | int) -> None:
     walker, text = robot(which)
-    eom, other, random = equations_of_motion(walker), oracle(walker, text), np.random.default_rng(7)
+    eom, other, random = equations_of_motion(walker), Pinocchio(walker, text), np.random.default_rng(7)
     function = Function("eom", [eom.z, eom.p], [eom.M, eom.B, eom.G, eom.W_swing])
     n = len(walker.shape)
     p = [float(value) for _, value in walker()]
@@ -214,26 +102,6 @@ def test_mass_matrix_gravity_and_velocity_terms_are_those_of_another_program(whi
         np.testing.assert_allclose(G.ravel(), gravity, atol=1e-12 * np.abs(gravity).max())
         np.testing.assert_allclose((B + G).ravel(), bias, atol=1e-12 * np.abs(bias).max())
         np.testing.assert_allclose(W, jacobian, atol=1e-12)
-
-
-@pytest.mark.parametrize("which", sampled(ROBOTS, 3))
-def test_the_impact_is_the_one_of_the_other_programs_matrices(which: str | int, oracle: Any) -> None:
-    walker, text = robot(which)
-    system, other, random = HybridSystem(walker, NoControl()), oracle(walker, text), np.random.default_rng(8)
-    n = len(walker.shape)
-    p = system.values({f"walker.{name}": value for name, value in walker()} | {"friction": 0.6})
-    relabel = Function("relabel", [equations_of_motion(walker).z], [equations_of_motion(walker).mechanism.relabel])
-    for _ in range(10):
-        s, ds = random.uniform(-1, 1, n), np.append(random.uniform(-2, 2, n + 1), 0.0)
-        M, _, _, W = other.at(s, ds)
-        impulse = np.linalg.solve(W @ np.linalg.solve(M, W.T), -W @ ds)
-        after = ds + np.linalg.solve(M, W.T @ impulse)
-        np.testing.assert_allclose(W @ after, 0.0, atol=1e-12 * np.abs(after).max())
-        outputs = foot_impact(system, Mode.STICK)([*s, 0.0, *ds[:-1]], p)
-        found, stated = (np.asarray(outputs[k]).ravel() for k in (0, 1))
-        swapped = np.asarray(relabel([*after[:n], *np.zeros(n + 2)])).ravel()  # a permutation, of rates as of angles
-        np.testing.assert_allclose(found[n + 1 : 2 * n + 1], swapped, atol=1e-12 * np.abs(swapped).max())
-        np.testing.assert_allclose(stated, impulse, atol=1e-12 * np.abs(impulse).max())
 
 
 def test_rabbit_of_the_file_has_the_equations_of_the_class() -> None:

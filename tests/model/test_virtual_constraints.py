@@ -65,17 +65,6 @@ def impact(q, v):
     return -q[::-1], -after[1::-1]
 
 
-def step(xi):
-    """One step of the compass from (theta1, dtheta1, dtheta2) just after an impact."""
-
-    def drive(q, v, _):
-        return torque(q[:2], v[:2]) * np.array([1, 1, 0, 0])
-
-    q, v, _ = ORACLE.swing([xi[0], xi[0], 0, 0], [*xi[1:], 0, 0], drive)
-    q, v = impact(q[:2], v[:2])
-    return np.array([q[0], *v])
-
-
 def closed_form():
     """delta_zero squared, V_zero over theta1, and the fixed point sigma^2 / 2 just before the impact."""
     before = np.array([END, END])
@@ -206,17 +195,6 @@ def test_closed_form_of_the_zero_dynamics_agrees_with_the_gait():
         min(abs(np.array([-curve(q[0])[1], 1.0]) @ np.linalg.inv(inertia(q)) @ [1, 1]) for q in spread(gait)[:, :2]),
         rel=1e-3,
     )
-
-
-@pytest.mark.slow
-def test_multipliers_agree_with_differences_of_steps_that_are_integrated_by_scipy():
-    gait, h = named(NAME), 1e-4
-    xi = gait.state[[0, 3, 4]]
-    assert step(xi) == pytest.approx(xi, abs=1e-10)
-    columns = [(step(xi + h * e) - step(xi - h * e)) / (2 * h) for e in np.eye(3)]
-    fine = [(step(xi + h / 2 * e) - step(xi - h / 2 * e)) / h for e in np.eye(3)]
-    derivative = (4 * np.array(fine) - np.array(columns)).T / 3
-    assert np.sort(np.linalg.eigvals(derivative).real) == pytest.approx(np.sort(gait.multipliers.real), abs=1e-7)
 
 
 def test_the_zero_dynamics_are_a_claim_that_rejects_another_multiplier():
@@ -381,9 +359,7 @@ def test_a_singular_decoupling_matrix_is_named():
         ({"control.motors": ["knee"]}, "no motor 'knee'; it has ankle, hip"),
         ({"control.motors": ["ankle", "hip"]}, "one of ankle, hip for each of theta2: 2 given for 1 outputs"),
         ({"control.reference": {"bezier": {"theta1": [0, 1]}}}, "has curves of theta1; the outputs are theta2"),
-        ({"control.reference": {"bezier": {"theta2": [0]}}}, "has 1 control points, must have at least 2"),
         ({"control.reference": {"motion": "compass-passive-b"}}, r"give one of \{bezier: .* or \{table: file.* or"),
-        ({"control.reference": {"gait": "compass-passive-b"}}, "reference.degree: is missing: curves of a phase"),
         (
             {"control.reference": {"gait": "compass-passive-b", "degree": 6, "phase": "theta1"}},
             "phase does not belong to gait, which has the keys gait, joints, degree: ",
@@ -392,21 +368,12 @@ def test_a_singular_decoupling_matrix_is_named():
             {"control.reference": {"gait": "compass-passive-b", "degree": 6, "joints": {"hip": "theta2"}}},
             "reference.gait: has curves of hip; the outputs are theta2",
         ),
-        (
-            {"control.reference": {"gait": "torso-passive", "degree": 6, "joints": {"theta2": "knee"}}},
-            ", which has no knee to track; its angles are theta1",
-        ),
-        ({"control.reference": {"curve": {"degree": 6}}}, "curve.start: is missing: give a problem whose gait is the"),
-        ({"control.reference": {"curve": {"degree": 6, "points": {"theta2": [0, 0.1]}}}}, "curve.points.theta2: 2"),
         ({"control.reference": {"constant": {"hip": 0}}}, "has curves of hip; the outputs are theta2"),
         ({"control.reference": {"table": TABLE}}, "degree: is missing: a spline of a phase variable would have"),
-        ({"control.reference": {"table": TABLE, "degree": 2}}, "2 is too large: 2 rows determine at most 1"),
         ({"control.reference": {"table": {**TABLE, "hip": [0, 1]}, "degree": 1}}, "has curves of theta2, hip; the"),
         ({"control.reference": {"table": {"t": [0, 1], "theta2": [0, 1]}, "degree": 1}}, "its first column is t, but"),
         ({"control.reference.theta2.7": 0.1}, "has no such entry: name one of 0 to 6"),
         ({"control.reference.theta2.6": "wide"}, r"bezier.theta2\[6\]: write an angle as a number in rad"),
-        ({"control.reference.theta2.3": {"free": [0.5, 0.4], "guess": 0.4}}, "needs lo < hi"),
-        ({"control.reference.theta2.3": {"free": [0.4, 0.5], "guess": 0.6}}, "0.6 is outside of its bounds"),
         ({"control.reference.theta2.3": {"free": [0.4, 0.5], "guess": 0.45}}, "too many unknowns"),
     ],
 )

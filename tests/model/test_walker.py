@@ -1,14 +1,12 @@
-"""Walkers: their names, their parameters and what is refused, and the registry."""
+"""Walkers: the names of their states and sections, and angles with their units."""
 
 import math
 
-import numpy as np
 import pytest
 from oracles import CASES, COMPASS, TorsoCompass
 from pydantic import ValidationError
 
-from gaitopt import Cycle, Mode, ModeSequence
-from gaitopt.model.dynamics import Dynamics
+from gaitopt import Mode
 from gaitopt.model.units import parse_angle
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
@@ -45,30 +43,3 @@ def test_angles_may_have_units(text: str, angle: float) -> None:
 def test_text_that_is_no_angle_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"1 deg, 0\.1 rad"):
         parse_angle(text)
-
-
-def test_both_feet_are_on_the_ground_after_an_impact() -> None:
-    for case in CASES.values():
-        xi = np.linspace(0.1, 0.2, case.system.lift.size1_in(0))
-        q, _ = case.coordinates(Dynamics(case.system, case.p).lift(xi))
-        other = case.oracle.swing_foot.position(q)
-        if case.n == 1:  # the wheel stands on the spoke that it came from, one before the stance spoke
-            q[0] += 2 * np.pi / case.walker.spokes
-            other = case.oracle.swing_foot.position(q)
-        assert other[1] == pytest.approx(0, abs=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("phases", "impact", "words"),
-    [
-        ((), Mode.STICK, "at least one phase"),
-        ((Mode.STICK, Mode.STICK), Mode.STICK, "phases 1 and 2 are both stick"),
-        ((Mode.STICK,), Mode.SLIP_FORWARD, "the first phase must be slip_forward, not stick"),
-        ((Mode.SLIP_BACKWARD, Mode.STICK), Mode.SLIP_FORWARD, "must be slip_forward, not slip_backward"),
-    ],
-)
-def test_sequence_that_contradicts_itself_is_refused(phases: tuple[Mode, ...], impact: Mode, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        Cycle.of_one_step(phases, impact)
-    sequence = ModeSequence(phases=(Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD, Mode.STICK), impact=Mode.STICK)
-    assert str(sequence) == "slip_forward, slip_backward, stick; stick"

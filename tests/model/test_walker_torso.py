@@ -30,17 +30,6 @@ def test_gait_is_confirmed_by_the_simulator_and_is_stable_and_slides_as_its_file
     assert gait.measures["slip_distance"] == pytest.approx(sliding, abs=5e-6)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_perturbed_walk_returns_to_the_gait(name: str) -> None:
-    gait = solved(name)
-    section = TorsoCompass.section_names(slipping=False)
-    start = {key: value for key, value in zip(gait.system.state_names, gait.state, strict=True) if key in section}
-    walk = go.simulate(gait, {**start, "dtheta1": 1.01 * start["dtheta1"]}, steps=150, dense=False)
-    distance = np.linalg.norm(walk.trajectory.section_states - gait.state, axis=1)
-    assert distance[0] > 5e-3
-    assert distance[-1] < 1e-6
-
-
 def test_sticking_gait_is_periodic_for_newtons_law_written_by_hand() -> None:
     """One step with the oracle's matrices, eq. (3) for the foot and eq. (9) for the impact: no CasADi anywhere."""
     gait = solved("torso-compass")
