@@ -19,7 +19,6 @@ from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.crawler import Crawler
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.inchworm import Inchworm
-from gaitopt.model.walkers.slip_walker import SlipWalker
 
 Array = NDArray[np.float64]
 
@@ -178,7 +177,3 @@ def inchworm(walker: Inchworm) -> ContactCase:
         hip=hinge,
     )
     return ContactCase(walker, oracle, dict(zip(("rear", "front"), feet, strict=True)))
-
-
-CRAWLER = Crawler(rear_mass=1.0, front_mass=1.5, stiffness=20.0, damping=1.5, rest=0.5, gravity=9.81, slope=0.1)
-SPRING_MASS = SlipWalker(mass=80.0, leg_length=1.0, stiffness=14e3, attack=np.deg2rad(69), energy=816.0, gravity=9.81)

@@ -16,8 +16,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.inchworm import Inchworm
 from gaitopt.search.solve import solve
-from gaitopt.simulation.contact_forces import Candidates, ContactForces, candidates, inverses, regularity, systems
-from gaitopt.simulation.contact_forces import solve as solve_systems
+from gaitopt.simulation.contact_forces import ContactForces
 from gaitopt.simulation.simulator import Simulator
 
 CASES = {  # a gait, and modes of its contacts at its first state
@@ -115,29 +114,6 @@ def test_the_chosen_mode_agrees_with_the_torques_that_the_law_has_in_it() -> Non
                 assert ddq[2] + 0.5 * np.sin(lean) * ddq[k] > 0
     assert lifted > 5
     assert refused < 30
-
-
-def test_the_enumeration_is_a_function_of_masses_and_jacobians_alone() -> None:
-    """A frame by hand: sliding on both feet, its normal forces follow from moments."""
-    half, height, mu = 0.3, 0.5, 0.25
-    M = np.diag([1 / 12, 1.0, 1.0])  # angle, x, y
-    J = np.array([[-height, 1, 0], [half, 0, 1], [-height, 1, 0], [-half, 0, 1]])
-    modes = slides(both=True)
-    K = systems(M, J, modes, np.array([mu, mu]))
-    load = np.array([0, 0, -1.0])[None, :, None]
-    ddq, forces = solve_systems(K, inverses(K), modes, load, np.zeros((4, 1)))
-    assert ddq[0, :, 0] == pytest.approx([0, -mu, 0], abs=1e-14)
-    assert forces[0, 1::2, 0] == pytest.approx([(1 - mu * height / half) / 2, (1 + mu * height / half) / 2])
-    # sliding on the front foot alone: J M^-1 G relative to J M^-1 J'
-    front = slides(both=False)
-    ratio = (1 + 12 * half * (half - 3 * height)) / (1 + 12 * half**2)
-    assert regularity(M, J, front, np.array([3.0, 3.0])) == pytest.approx([ratio])
-
-
-def slides(*, both: bool) -> Candidates:
-    """A frame that slides forward on both feet, or on the right one."""
-    left = "slip_forward" if both else "off"
-    return candidates(Frame, (), (Mode.of_contacts({"left": left, "right": "slip_forward"}),))
 
 
 def test_a_state_is_decided_alike_to_the_last_bit_whatever_was_decided_before() -> None:

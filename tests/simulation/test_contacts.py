@@ -9,26 +9,21 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 from casadi import cos, sin, vertcat
-from contact_walkers import CRAWLER, SPRING_MASS, ContactCase, Frame, dynamics_of, frame, heel_toe
+from contact_walkers import ContactCase, Frame, dynamics_of, frame, heel_toe
 from named import named
 from scipy.optimize import linprog
 from scipy.special import ellipk, ellipkinc
 
-from gaitopt import Contact, Mode, load_problem
+from gaitopt import Contact, Mode
 from gaitopt.errors import ProblemError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import trajectory_header, trajectory_rows
 from gaitopt.gait.measures import contact_record, measure, observe
-from gaitopt.model.control import NoControl
-from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
-from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.simulation.contact_resolver import ContactResolver
 from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.store.formats import Table, csv_text
-from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import simulate
 
 BLOCK = {"half": 0.25, "height": 1.0}
@@ -120,14 +115,6 @@ def coordinates(case: ContactCase, state: np.ndarray) -> tuple[np.ndarray, np.nd
     return state[: n + 2][order], state[n + 2 :][order]
 
 
-def test_a_block_that_lands_flat_comes_to_rest_on_both_corners() -> None:
-    case = frame(**BLOCK)
-    outcome = Simulator(case.dynamics(0.5)).step(np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.3]))
-    landed = outcome.step.arcs[1]
-    assert landed.start == pytest.approx(np.sqrt(2 * 0.2 / 9.81), rel=1e-12)
-    assert set(landed.mode.touching) == {"left", "right"}
-
-
 @pytest.mark.parametrize("ratio", [0.1, 0.5, 0.99, 1.01, 1.5])
 def test_a_frame_at_rest_stays_as_long_as_some_split_of_its_forces_lies_in_both_cones(ratio: float) -> None:
     """On a slope the load shifts to the lower foot; each foot has friction of its own."""
@@ -154,55 +141,6 @@ def test_a_sliding_frame_tips_above_the_friction_of_its_proportions() -> None:
     assert words(tips) == ["right slip_forward"]
 
 
-def test_a_frame_that_slides_with_too_much_friction_has_no_consistent_motion() -> None:
-    """Painleve: the friction of the front foot turns the body into the ground faster than it can yield."""
-    half, height, inertia = 0.3, 1.0, 0.05
-    case = frame(half, height, inertia=inertia)
-    state = np.array([0.0, height, 0.0, 0.0, 0.0, 1.0])
-    # normal acceleration of the front foot per normal force, 1 + half (half - mu height) / inertia, turns negative
-    critical = (inertia + half**2) / (half * height)
-    fine = Simulator(case.dynamics(critical * 0.99)).step(state)
-    assert fine.ending not in (Ending.PAINLEVE, Ending.CONTACT_INCONSISTENT)
-    outcome = Simulator(case.dynamics(critical * 1.01)).step(state)
-    assert outcome.step is None
-    assert outcome.ending == Ending.PAINLEVE
-    assert "regularity is not positive: right slip_forward -0.0" in outcome.message
-
-
-def test_energy_of_spring_mass_walking_is_conserved_through_double_support() -> None:
-    dynamics = dynamics_of(SPRING_MASS, 1.0)
-    y, back = np.sin(SPRING_MASS.attack), 0.10336958
-    length = np.hypot(back, y)
-    speed = np.sqrt(2 * (816.0 - 80 * 9.81 * y - 7e3 * (1 - length) ** 2) / 80)
-    vx, vy = speed * np.cos(-0.33568428), speed * np.sin(-0.33568428)
-    placed = np.array([np.cos(SPRING_MASS.attack), -y, -back, -y])
-    state = np.concatenate([placed, [y, 0.0], [-vx, -vy, -vx, -vy, vy, vx]])
-    walked = Simulator(dynamics).run(state, 3)
-    assert walked.ending == Ending.COMPLETED
-    for step in walked.steps:
-        assert [words(arc.mode) for arc in step.arcs] == [["front stick", "back stick"], ["front stick"]]
-        z = step.impact.state
-        spring = 7e3 * (1 - np.hypot(*z[2:4])) ** 2
-        assert 40 * (z[-1] ** 2 + z[-2] ** 2) + 80 * 9.81 * z[4] + spring == pytest.approx(816.0, rel=1e-12)
-    assert walked.steps[0].impact.state == pytest.approx(state, abs=1e-5)
-
-
-def test_a_crawler_slides_as_a_damped_oscillator_while_one_mass_rests() -> None:
-    """The front mass is pushed ahead from rest by the compressed spring; the rear one holds."""
-    c = CRAWLER
-    friction = {"rear": 0.6, "front": 0.2}
-    gap = 0.2
-    state = np.array([gap, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    step = Simulator(dynamics_of(c, friction), max_switches=1).step(state).step
-    assert words(step.arcs[0].mode) == ["rear stick", "front slip_forward"]
-    along, normal = c.gravity * np.sin(c.slope), c.gravity * np.cos(c.slope)
-    rest = c.rest + c.front_mass * (along - 0.2 * normal) / c.stiffness
-    decay = c.damping / (2 * c.front_mass)
-    omega = np.sqrt(c.stiffness / c.front_mass - decay**2)
-    assert step.arcs[0].end == pytest.approx(np.pi / omega, rel=1e-11)
-    assert step.arcs[0].states[-1][0] == pytest.approx(rest + (rest - gap) * np.exp(-decay * np.pi / omega), rel=1e-11)
-
-
 class Doubled(Frame):
     """A frame of which one foot is two contacts in one place."""
 
@@ -216,22 +154,6 @@ class Doubled(Frame):
         return replace(stated, contacts=feet)
 
 
-def test_shares_of_forces_and_motions_that_are_undetermined_are_named() -> None:
-    rests = (
-        Simulator(frame(0.3, 0.5, slope=0.1).dynamics(0.5))
-        .step(np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.0]), dense=True)
-        .step
-    )
-    record = contact_record([rests])
-    assert record["undetermined"] == ["left", "right"]
-    assert record["contacts"]["left"]["required_friction"] is None
-    doubled = Doubled(**dict(frame(0.3, 0.5).walker))
-    slides = np.array([0.0, 0.5, 0.0, 0.0, 0.0, 1.0])
-    outcome = Simulator(dynamics_of(doubled, {"left": 0.2, "left_too": 0.4, "right": 0.2})).step(slides)
-    assert outcome.ending == Ending.UNDETERMINED
-    assert "contacts of different friction slip together" in outcome.message
-
-
 @pytest.mark.parametrize(("slope", "mu"), [(0.1, 0.5), (0.3, 0.35), (-0.2, 1.5), (0.1, np.tan(0.1))])
 def test_undetermined_forces_have_bounds_in_place_of_values(slope: float, mu: float) -> None:
     """A frame at rest: the normal forces follow from moments, and both tangential ones hold the weight's part."""
@@ -242,6 +164,7 @@ def test_undetermined_forces_have_bounds_in_place_of_values(slope: float, mu: fl
     normal = {name: (down + side * along * height / half) / 2 for name, side in (("left", -1), ("right", 1))}
     record = contact_record([step])
     assert record["undetermined"] == ["left", "right"]
+    assert record["contacts"]["left"]["required_friction"] is None
     assert {*record["undetermined_bounds"]} == {"f_t.left", "f_t.right"}
     for name, other in (("left", "right"), ("right", "left")):
         low = max(-mu * normal[name], -along - mu * normal[other])
@@ -295,31 +218,10 @@ def test_of_two_contacts_in_one_place_that_with_more_friction_takes_the_load(fri
     lower = Simulator(dynamics_of(doubled, {"left": 0.2, "left_too": 0.25, "right": 0.4})).step(falls)
     assert lower.ending == Ending.UNDETERMINED
     assert "the impulses do not determine the impact" in lower.message
-
-
-def test_a_frame_that_slides_to_rest_stops_on_both_feet_at_once() -> None:
-    height, friction, speed = 0.5, 0.3, 1.0
-    for direction, word in ((1, "forward"), (-1, "backward")):
-        state = np.array([0.0, height, 0.0, 0.0, 0.0, direction * speed])
-        slides, rests = Simulator(frame(0.3, height).dynamics(friction)).step(state).step.arcs
-        assert words(slides.mode) == [f"left slip_{word}", f"right slip_{word}"]
-        assert words(rests.mode) == ["left stick", "right stick"]
-        assert slides.end == pytest.approx(speed / (friction * 9.81), rel=1e-12)
-        assert rests.states[0][2] == pytest.approx(direction * speed**2 / (2 * friction * 9.81), rel=1e-12)
-
-
-def test_the_ends_of_a_symmetric_inchworm_change_at_the_same_instants() -> None:
-    """On level ground, with the same friction at both ends, the hinge only moves up and down."""
-    problem = load_problem("inchworm").replace({"walker.slope": 0, "friction.rear": 0.4})
-    angle, rate = 0.6, 0.2
-    y, dy = 0.5 * np.cos(angle), -0.5 * np.sin(angle) * rate
-    step = Simulator(problem_dynamics(problem)).step(np.array([angle, angle, y, 0, rate, rate, dy, 0])).step
-    turned = {"stick": "stick", "off": "off", "slip_forward": "slip_backward", "slip_backward": "slip_forward"}
-    assert len(step.arcs) > 4
-    for arc in step.arcs:
-        assert arc.mode.contacts["rear"] == turned[arc.mode.contacts["front"]]
-        assert arc.states[-1][[0, 4]] == pytest.approx(arc.states[-1][[1, 5]], abs=1e-12)
-        assert arc.states[-1][[3, 7]] == pytest.approx(0, abs=1e-12)
+    slides = np.array([0.0, 0.5, 0.0, 0.0, 0.0, 1.0])
+    sliding = Simulator(dynamics_of(doubled, {"left": 0.2, "left_too": 0.4, "right": 0.2})).step(slides)
+    assert sliding.ending == Ending.UNDETERMINED
+    assert "contacts of different friction slip together" in sliding.message
 
 
 class Pushed(Frame):
@@ -441,7 +343,7 @@ def test_a_sliding_rod_slides_lifts_off_or_ends_with_the_name_of_its_paradox(fri
         assert "tip slip_forward and flight" in outcome.message
     else:
         assert outcome.ending == Ending.PAINLEVE
-        assert "tip slip_forward" in outcome.message
+        assert "regularity is not positive: tip slip_forward -" in outcome.message
 
 
 @pytest.mark.parametrize("engine", ["scipy", "heyoka"])
@@ -513,21 +415,6 @@ def test_a_compass_with_feet_moves_alike_in_other_units(factors: tuple[float, fl
     assert [arc.end / time for arc in other.arcs] == pytest.approx([arc.end for arc in one.arcs], rel=1e-12)
     scale = np.concatenate([unit, unit / time])
     assert other.impact.state / scale == pytest.approx(one.impact.state, rel=1e-12, abs=1e-12)
-
-
-def test_heel_and_toe_that_approach_each_other_approach_point_feet() -> None:
-    """The roll of the foot takes a time and a height of first order in its size."""
-    start = np.array([-0.3, -0.3, 0.0, 1.2, -0.4, 0.0])
-    foot = Simulator(Dynamics(HybridSystem(CompassBiped, NoControl()), np.array([1, 5, 0.5, 10, 9.81, 0.0524, 1.0])))
-    expected = foot.step(start).step.impact.state[[0, 3, 4]]
-    errors = []
-    for size in (4e-3, 2e-3, 1e-3):
-        case = heel_toe(heel=size / 2, toe=size)
-        q, dq = on_heel(case, tuple(start[[0, 1, 3, 4]]))
-        landed = Simulator(case.dynamics(1.0)).step(case.state(q, dq)).step.impact.state
-        errors.append(np.abs(landed[[0, 4, 5]] - expected).max())
-    assert errors[1] / errors[0] == pytest.approx(0.5, abs=0.1)
-    assert errors[2] / errors[1] == pytest.approx(0.5, abs=0.05)
 
 
 @pytest.mark.skipif(not is_installed(), reason="needs pip install '.[heyoka]'")

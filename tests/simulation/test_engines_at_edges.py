@@ -168,14 +168,6 @@ def test_a_slip_that_ends_at_once_is_no_touchdown(slip: float) -> None:
         assert steps.times[0] > 0.5
 
 
-def test_a_wheel_that_rocks_back_falls_when_it_is_back() -> None:
-    """Without friction losses it comes back to its limit with the rate it had."""
-    states = [np.array([-HALF, 0, rate, 0]) for rate in (0.01, 0.02, 0.05)]
-    for steps in steps_of(wheel(), wheel_parameters(1.0), states):
-        np.testing.assert_allclose(steps.states[:, 0], -HALF, atol=1e-12)
-        np.testing.assert_allclose(steps.states[:, 2], [-0.01, -0.02, -0.05], atol=1e-12)
-
-
 UNITS = [(1e3, 1.0, 1e-3), (1.0, 1e-3, 1e3), (1e3, 670.0, 1.0), (0.3, 1e2, 1e3)]
 
 

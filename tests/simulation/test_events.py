@@ -51,18 +51,6 @@ def from_roots(*roots: float, sign: float = 1.0) -> Polynomial:
     return sign * Polynomial.fromroots(roots)
 
 
-def test_a_simple_root_is_located_to_rounding() -> None:
-    curved = Polynomial([np.cos(0.7), -1.0, 0.3, -0.2])
-    root = min(r.real for r in curved.roots() if abs(r.imag) < 1e-12 and 0 < r.real < 1)
-    at, times = _motion([curved]), list[float]()
-    found = first_event(NAMES[:1], at(0.0), at(1.0), [True], lambda t: times.append(t) or at(t))
-    assert found is not None
-    assert found[0] == "touchdown"
-    assert found[1] == pytest.approx(root, rel=1e-14)
-    assert found[2][0] == pytest.approx(root, rel=1e-14)
-    assert len(times) == 3  # the inverse cubic interpolation is near the root
-
-
 @given(root=st.floats(1e-3, 0.999), slope=st.floats(0.1, 1e3), bend=st.floats(-1.0, 1.0))
 def test_a_root_is_found_wherever_it_lies_in_the_step(root: float, slope: float, bend: float) -> None:
     monotone = slope * (Polynomial([root, -1.0]) + bend / 3 * Polynomial([-root, 1.0]) ** 3)

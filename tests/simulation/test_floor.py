@@ -178,7 +178,6 @@ def test_a_longer_random_floor_begins_as_the_shorter_one():
         (lambda: Floor(friction=[(0.1, 0.2)]), "static 0.1 is smaller than kinetic 0.2"),
         (lambda: Floor(height=["high"]), "floor.height, tile 0: 'high' is not a number"),
         (lambda: Floor.parse("0.2, 0.3"), "'0.2' has no name; write friction=, height= or slope="),
-        (lambda: Floor.parse("ice=0.2"), "'ice' is no quantity of a tile"),
         (lambda: Floor.parse("friction=0.2, b"), "floor.friction: 'b' is no value"),
         (lambda: Floor.parse("height=1 deg"), "1deg is no value of height"),
         (lambda: Floor.read("nowhere.csv"), "nowhere.csv: the floor cannot be read"),

@@ -1,19 +1,13 @@
-"""CasADi's instructions in heyoka's terms, one by one, and the functions of the walkers as a whole."""
-
-from itertools import product
+"""CasADi's instructions in heyoka's terms, one by one."""
 
 import casadi as ca
 import numpy as np
 import pytest
 from casadi import SX, Function
-from samples import sampled
 
 hy = pytest.importorskip("heyoka")
 
-from gaitopt import load_problem  # noqa: E402
-from gaitopt.model.modes import CONTACTS  # noqa: E402
 from gaitopt.simulation.heyoka_code import BINARY, UNARY, convert  # noqa: E402
-from gaitopt.systems import build_system  # noqa: E402
 
 ROUNDING = 1e-15
 
@@ -66,21 +60,3 @@ def test_each_value_of_constants_is_handed_over_once():
     product = ca.sin(p) * p
     conversion = convert(Function("f", [x, p], [product * x, product + x]), {0: [hy.expression("x")]})
     assert conversion.constants.numel_out(0) == 1
-
-
-@pytest.mark.parametrize(
-    ("name", "mode"), sampled(product(["compass-passive-a", "compass-torque-slip", "rimless-wheel-slip"], CONTACTS), 4)
-)
-def test_flow_of_a_walker_has_the_same_value(name, mode):
-    problem = load_problem(name)
-    system = build_system(problem)
-    p, data = system.values(problem.parameters), system.control.data(0)
-    rng = np.random.default_rng(5)
-    flow = system.flow(mode)
-    for _ in range(5):
-        z = rng.uniform(-0.4, 0.4, system.n_z)
-        names = {0: [hy.expression("t")], 1: [hy.expression(name) for name in system.state_names]}
-        conversion = convert(flow, names)
-        compiled = hy.cfunc(list(conversion.outputs[0]), [*names[0], *names[1]], compact_mode=True, opt_level=0)
-        found = compiled(np.array([0.1, *z]), pars=np.asarray(conversion.constants(p, data)).ravel())
-        np.testing.assert_allclose(found, np.asarray(flow(0.1, z, p, data)).ravel(), rtol=1e-12, atol=1e-13)

@@ -1,7 +1,6 @@
 """Both engines walk the same steps; extended precision says how many digits each of them has."""
 
 import re
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,7 +10,7 @@ pytest.importorskip("heyoka")
 
 from named import named
 
-from gaitopt import Mode, load_problem, problem_names, verify
+from gaitopt import Mode, load_problem, problem_names
 from gaitopt.errors import UnknownNameError
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.source import find_problem
@@ -100,28 +99,6 @@ def test_derivative_of_the_return_map_is_that_of_the_other_engine(gait):
         steps = simulator.run(gait.state).steps
         jacobians.append(ReturnMap(simulator, section, 1, gait.state).jacobian(steps))
     np.testing.assert_allclose(*jacobians, rtol=1e-8, atol=1e-9)
-
-
-def test_multiplier_of_the_wheel_is_beta_squared_to_thirteen_digits():
-    """beta = (cos(2 pi / spokes) + kappa) / (1 + kappa), Gamus & Or (2013), section III."""
-    problem = load_problem("rimless-wheel-stick")
-    system = build_system(problem)
-    p = system.values(problem.parameters)
-    mapped = ReturnMap(Simulator(Dynamics(system, p), HeyokaStepper), Mode.STICK)
-    point = mapped.fixed_point(np.array([problem.guess.state["dtheta"]]))
-    kappa = problem.walker.inertia_ratio
-    beta = (np.cos(2 * np.pi / problem.walker.spokes) + kappa) / (1 + kappa)
-    assert point.jacobian == pytest.approx(np.array([[beta**2]]), abs=1e-13)
-
-
-def test_gait_is_verified_on_heyoka_and_refuted_if_it_is_spoilt():
-    gait = named("compass-passive-a")
-    assert verify(gait, engine="heyoka").passed
-    step, first = gait.steps[0], gait.arcs[0]
-    states = first.states.copy()
-    states[0, 3] += 1e-6
-    step = replace(step, arcs=(replace(first, states=states), *step.arcs[1:]))
-    assert not verify(replace(gait, steps=(step,)), engine="heyoka").passed
 
 
 def test_slip_that_begins_and_ends_within_one_series_is_found():

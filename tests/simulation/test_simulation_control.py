@@ -6,7 +6,6 @@ from casadi import SX, exp
 from numpy.typing import NDArray
 from paper_walkers import COMPASS
 from paper_walkers import COMPASS_START as START
-from scipy.integrate import solve_ivp
 
 from gaitopt import Control, Instant, Mode
 from gaitopt.gait import curves
@@ -61,27 +60,6 @@ class Pulse(Control):
 def staircase(breakpoints: tuple[float, ...], *levels: tuple[float, float], friction: float = 0.3) -> Simulator:
     system = HybridSystem(CompassBiped, Staircase(times=breakpoints, levels=levels))
     return Simulator(Dynamics(system, np.array([*COMPASS, friction])))
-
-
-def test_arcs_end_exactly_at_the_breakpoints_of_the_control() -> None:
-    step = staircase((0.2, 0.5), (0.3, 0), (0.1, 0.2), (0, 0)).run(START).steps[0]
-    assert [(arc.segment, arc.start) for arc in step.arcs] == [(0, 0), (1, 0.2), (2, 0.5)]
-    assert step.phases == ((Mode.STICK, pytest.approx(step.period)),)
-
-
-def test_a_breakpoint_is_passed_as_by_two_separate_integrations() -> None:
-    simulator = staircase((0.3,), (0.3, 0.1), (-0.2, 0.05))
-    step = simulator.run(START).steps[0]
-    system = HybridSystem(CompassBiped, Staircase(times=(), levels=((0, 0),)))
-    p, state, ends = np.array([*COMPASS, 0.3]), START, [0, 0.3, step.period]
-    for torque, start, end in zip([(0.3, 0.1), (-0.2, 0.05)], ends, ends[1:], strict=False):
-        flow = system.flow(Mode.STICK)
-        solved = solve_ivp(
-            lambda t, z, flow=flow, torque=torque: np.asarray(flow(t, z, p, torque)).ravel(),
-            (start, end), state, method="DOP853", rtol=1e-12, atol=1e-14,
-        )  # fmt: skip
-        state = solved.y[:, -1]
-    assert step.arcs[-1].states[-1] == pytest.approx(state, abs=1e-11)
 
 
 def test_breakpoints_without_a_jump_change_nothing() -> None:

@@ -78,28 +78,6 @@ def test_a_wheel_too_slow_to_pass_over_its_spoke_falls_back_with_the_rate_it_had
     assert "dtheta = -0.05" in trajectory.message
 
 
-def test_the_wheel_with_little_friction_sticks_and_then_slips_forward() -> None:
-    trajectory = wheel(0.4).run(rolling(0.75), 100)
-    assert modes(trajectory.steps[-1]) == [STICK, FORWARD]
-    assert trajectory.steps[-1].impact is not None
-    assert trajectory.steps[-1].impact.mode is STICK
-
-
-def test_slip_sets_in_where_the_closed_form_force_reaches_the_cone() -> None:
-    rate, friction = 0.76, 0.4
-
-    def forces(theta: float) -> tuple[float, float]:
-        """Contact force of the hub's acceleration, by Newton's law."""
-        speed, turn = rolling_rate(theta, rate), np.sin(theta + SLOPE) / (1 + KAPPA)
-        along = turn * np.cos(theta) - speed**2 * np.sin(theta) - np.sin(SLOPE)
-        normal = -turn * np.sin(theta) - speed**2 * np.cos(theta) + np.cos(SLOPE)
-        return along, normal
-
-    onset = wheel(friction).run(rolling(rate)).steps[0].arcs[0].states[-1][0]
-    f_t, f_n = forces(onset)
-    assert f_t + friction * f_n == pytest.approx(0, abs=1e-13)
-
-
 # endings
 
 
@@ -163,16 +141,6 @@ def test_more_switches_than_allowed_is_chattering() -> None:
 
 
 # gaits of the compass biped
-
-
-def test_a_slipping_impact_is_followed_by_its_slip() -> None:
-    trajectory = compass(0.14).run(COMPASS_START, 6)
-    records = [step.impact for step in trajectory.steps if step.impact is not None]
-    assert {record.mode for record in records} == {STICK, FORWARD}
-    for record, step in zip(records, trajectory.steps[1:], strict=False):
-        assert np.sign(record.state[-1]) == record.mode.direction
-        if record.mode is not STICK:
-            assert modes(step)[0] is record.mode
 
 
 @pytest.mark.parametrize(("arc", "margin"), [(0, "slip_velocity"), (1, "cone_backward"), (2, "touchdown")])

@@ -96,23 +96,6 @@ def test_variations_are_the_derivatives_of_the_end(stepper: Stepper) -> None:
     assert variation[:, 0] / 1e-6 == pytest.approx((ends[1] - ends[0]) / 2e-6, abs=1e-8)
 
 
-def test_every_state_of_a_batch_ends_where_it_does_alone() -> None:
-    required(Engine.HEYOKA)
-    from gaitopt.simulation.heyoka_batch import LIMIT, BatchArcs
-
-    together, alone = BatchArcs(wheel()), stepper_class("heyoka")(wheel())
-    states = START + np.outer(np.arange(9), [0, 0, 0.01, 0])
-    times, limits = np.linspace(0, 0.2, 9), np.tile([5.0, 0.25, 0.2], 3)
-    limits[8] = times[8]  # no length
-    arrivals = together.advance(Mode.STICK, np.zeros(9, dtype=int), times, states, limits)
-    for k in range(9):
-        arrival = alone.advance(Mode.STICK, 0, times[k], states[k], limits[k])
-        code = int(arrivals.events[k])
-        assert (None if code == LIMIT else transitions(RimlessWheel).margin_names(Mode.STICK)[code]) == arrival.event
-        assert arrivals.times[k] == pytest.approx(arrival.time, abs=1e-12)
-        assert arrivals.states[k] == pytest.approx(arrival.state, abs=1e-12)
-
-
 class Growing(Control):
     """An ankle torque that grows from nothing with the square of the time."""
 
@@ -134,19 +117,6 @@ def test_a_batch_looks_ahead_in_time_where_margins_and_their_rates_are_zero() ->
     names = transitions(CompassBiped).margin_names(Mode.STICK)
     assert names[int(arrivals.events[0])] == arrival.event
     assert arrival.event.startswith("cone")
-
-
-def test_the_order_of_a_batch_changes_no_bit() -> None:
-    required(Engine.HEYOKA)
-    from gaitopt.simulation.heyoka_batch import BatchArcs
-
-    batch = BatchArcs(wheel())
-    states = START + np.outer(np.arange(7), [0, 0, 0.01, 0])
-    order = np.random.default_rng(0).permutation(7)
-    args = np.zeros(7, dtype=int), np.zeros(7)
-    there, back = (batch.advance(Mode.STICK, *args, rows, np.full(7, 5.0)) for rows in (states, states[order]))
-    assert np.array_equal(there.times[order], back.times)
-    assert np.array_equal(there.states[order], back.states)
 
 
 def test_an_arc_of_too_many_steps_fails_in_a_batch_as_alone(monkeypatch: pytest.MonkeyPatch) -> None:
