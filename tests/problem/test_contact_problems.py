@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from casadi import SX, vertcat
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.cycle import Cycle
@@ -59,6 +58,7 @@ def test_a_problem_of_contacts_is_written_and_read_alike() -> None:
     problem = heel_toe(("{toe: stick}", "{toe: stick, impact: {toe: stick, heel: leaves}}"))
     again = restore_problem(json.loads(json.dumps(problem.resolved())))
     assert again.cycle == problem.cycle == heel_toe().cycle
+    assert Cycle.from_record(json.loads(json.dumps(cycle_data(problem.cycle)))) == problem.cycle
     assert dict(again.cycle.steps[0].landings) == {2: problem.cycle.phases[2]}
     assert again.digest == problem.digest
     assert problem.replace({"friction": 0.3}).parameters["friction"] == 0.3
@@ -113,31 +113,6 @@ def test_a_wrong_statement_is_one_sentence(old: str, new: str, words: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("attributes", "push", "words"),
-    [
-        ({"massless_feet": True}, None, "massless_feet is True, but has no effect on a walker with contacts: name the"),
-        ({"pushes": True}, vertcat(0, 1), "pushes is True, but must be a tuple of those contacts with a mass"),
-        ({"pushes": ("ankle",)}, {"ankle": vertcat(0, 1)}, "possible: heel, toe, swing_heel, swing_toe"),
-        ({"pushes": ("toe",)}, vertcat(0, 1), "must be a mapping from the names of pushes, ('toe',)"),
-        ({"pushes": ("toe",)}, None, "pushes is ('toe',), but Mechanism.push is missing"),
-        ({"pushes": ("toe",)}, {"toe": SX(1)}, "Mechanism.push['toe'] has shape (1, 1), but must be a column of 2"),
-    ],
-)
-def test_a_wrong_statement_about_named_contacts_is_refused(
-    attributes: dict[str, object], push: object, words: str
-) -> None:
-    def mechanism(cls: type, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        return replace(HeelToe.mechanism.__func__(cls, q, p), push=push)
-
-    landing = classmethod(lambda cls, q, dq, p: ((0, 0), (0, 0)))
-    parts = {"model": "bad", "mechanism": classmethod(mechanism), "landing": landing, **attributes}
-    bad = type("Bad", (HeelToe,), {"__module__": __name__, "__qualname__": "Bad", **parts})
-    with pytest.raises(ProblemError) as caught:
-        parse_problem(HEEL_TOE.replace("model: heel_toe", "model: bad"), walkers=[bad])
-    assert words in str(caught.value)
-
-
-@pytest.mark.parametrize(
     ("name", "section", "words"),
     [
         ("bounding", "clock", "clock needs a control law with a period"),
@@ -152,11 +127,6 @@ def test_a_section_that_a_walker_lacks_is_refused(name: str, section: str, words
 
 def contacts(walker: type, **words: str) -> Mode:
     return Mode.of_contacts({name: words.get(name, "off") for name in walker.contacts})
-
-
-def test_a_section_is_built_once() -> None:
-    heel, both = contacts(HeelToe, heel="stick"), contacts(HeelToe, heel="stick", swing_heel="stick")
-    assert section_of(HeelToe, both, heel, "touchdown") is section_of(HeelToe, both, heel, "touchdown")
 
 
 def test_a_section_remembers_the_symbols_of_its_equations() -> None:
@@ -204,12 +174,6 @@ def test_a_section_has_the_coordinates_that_its_contacts_leave_free() -> None:
 def test_the_event_between_two_modes_follows_from_what_changes(before: dict, after: dict, guard: str) -> None:
     table = transitions(HeelToe)
     assert table.between(contacts(HeelToe, **before), contacts(HeelToe, **after)).guard == guard
-
-
-def test_a_cycle_with_an_impact_within_the_step_is_read_from_its_record() -> None:
-    cycle = heel_toe().cycle
-    assert cycle.steps[0].landings
-    assert Cycle.from_record(json.loads(json.dumps(cycle_data(cycle)))) == cycle
 
 
 def test_a_walker_without_landings_is_told_how_its_cycle_may_end() -> None:

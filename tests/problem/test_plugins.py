@@ -48,7 +48,6 @@ class Nameless(Walker):
     ("value", "words"),
     [
         (None, "the plugin other_walkers:broken cannot be imported: AttributeError"),
-        (dict, "is not a subclass of gaitopt.Walker"),
         (3, "is not a subclass of gaitopt.Walker"),
         (Nameless, "lacks mechanism: define it, or define links"),
         (RimlessWheel, "has the model 'rimless_wheel', but its entry point is called"),

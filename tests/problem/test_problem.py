@@ -2,22 +2,16 @@
 
 import json
 import math
-from pathlib import Path
-from types import SimpleNamespace
-from typing import Annotated
 
 import pytest
-from pydantic import Field
 from samples import sampled
 
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.curve import BeyondEnd
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import Mode
-from gaitopt.model.reference import CurveReference, GaitReference
+from gaitopt.model.reference import GaitReference
 from gaitopt.model.tracking import ProportionalDerivative
-from gaitopt.model.units import NonNegative
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.problem import load_problem, parse_problem, restore_problem
 from gaitopt.problem.source import problem_names
@@ -75,22 +69,9 @@ def test_parameters_come_in_the_order_walker_friction_control():
     assert list(load_problem("compass-pd-impact-slip").parameters)[-2:] == ["control.kp", "control.kd"]
 
 
-def test_controls_are_distinguished_by_their_type():
-    assert load_problem("compass-passive-a").control == NoControl()
-    assert load_problem("compass-torque-stick").control == ConstantTorque(ankle=1.65, hip=0.54)
+def test_a_reference_in_a_file_is_that_of_its_class():
     tracked = GaitReference(gait="compass-passive-b", beyond_end=BeyondEnd.FLOW)
     assert load_problem("compass-pd-impact-slip").control == ProportionalDerivative(kp=15, kd=15, reference=tracked)
-
-
-def test_a_curve_may_be_the_reference_and_is_an_unknown():
-    curve = "{type: pd, kp: 9, kd: 3, reference: {curve: {degree: 5, start: compass-passive-b}, beyond_end: off}}"
-    problem = parse_problem(walking(control=curve) + "objective: cost_of_transport\n")
-    reference = problem.control.reference
-    assert isinstance(reference, CurveReference)
-    assert (reference.curve.degree, reference.curve.start) == (5, "compass-passive-b")
-    assert reference.beyond_end is BeyondEnd.OFF
-    assert problem.reference.name == "compass-passive-b"
-    assert restore_problem(problem.resolved()).digest == problem.digest
 
 
 def test_unknowns_objective_and_constraints_are_read_in_si():
@@ -247,27 +228,6 @@ def test_an_unknown_name_lists_near_misses_and_says_that_a_path_will_do():
     assert caught.value.exit_code == 2
     with pytest.raises(UnknownNameError, match="`gaitopt list` shows all names"):
         load_problem("zzz")
-
-
-class HeavyCompass(CompassBiped):
-    """A walker of a user's own, not registered."""
-
-    model = "heavy_compass"
-    load: Annotated[NonNegative, Field(description="what it carries [kg]")]
-
-    @classmethod
-    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace):
-        return (free.theta1, free.theta1)
-
-
-def test_a_walker_of_the_users_own_can_be_given_with_the_file():
-    text = walking().replace("compass_biped", "heavy_compass\n  load: 3", 1)
-    problem = parse_problem(text, walkers=[HeavyCompass])
-    assert problem.parameters["walker.load"] == 3.0
-    assert problem.replace({"walker.load": 4}).walker == problem.walker.model_copy(update={"load": 4.0})
-    assert restore_problem(problem.resolved(), walkers=[HeavyCompass]).digest == problem.digest
-    with pytest.raises(ProblemError, match="no walker is called 'heavy_compass'"):
-        parse_problem(text, Path("gait.yaml"))
 
 
 @pytest.mark.parametrize(

@@ -96,7 +96,6 @@ def test_all_faults_of_a_file_come_at_once_in_the_order_of_their_lines():
         ("leg_mass: 4", "leg_mass: 4 kg", "5:3 walker.leg_mass", "'4 kg' is not a number"),
         ("leg_mass: 4", "leg_mass:", "5:3 walker.leg_mass", "nothing (null) is not a number"),
         ("gravity: 9.8", "gravity: .nan", "8:3 walker.gravity", "nan is not a finite number"),
-        ("gravity: 9.8", "gravity: .inf", "8:3 walker.gravity", "inf is not a finite number"),
         ("gravity: 9.8", "gravity: 1e999", "8:3 walker.gravity", "inf is not a finite number"),
         ("slope: 1 deg", "slope: 90 deg", "9:3 walker.slope", "'90 deg' must be at least -1.39626 and at most 1.39626"),
         ("slope: 1 deg", "slope: 1 grad", "9:3 walker.slope", "write an angle as a number in rad, or with its unit:"),
@@ -107,7 +106,6 @@ def test_all_faults_of_a_file_come_at_once_in_the_order_of_their_lines():
             "3:3 walker.model",
             f"no walker is called 'centaur'; allowed: {', '.join(registered_walkers())}",
         ),
-        ("impact: stick", "impact: stik", "14:3 gait.impact", "'stik' is not one of the choices; did you mean stick?"),
         ("stick]", "slp_forward]", "13:26 gait.phases[1]", "'slp_forward' is not one of the choices; did you mean"),
         ("[slip_forward, stick]", "stick", "13:3 gait.phases", "'stick' is not a list"),
         ("[0.1, 0.6]", "[0.1, -0.6]", "17:22 gait.guess.durations[1]", "-0.6 must be greater than 0"),
@@ -115,7 +113,6 @@ def test_all_faults_of_a_file_come_at_once_in_the_order_of_their_lines():
         ("theta1: -0.15", "theta1: -0.15, theta2: 0.15", "16:28 gait.guess.state.theta2", "0.15 contradicts the"),
         ("dtheta2: -0.5", "dtheta2: -0.5, dx: 0.2", "16:57 gait.guess.state.dx", "0.2 contradicts the impact: after"),
         ("name: walk", "name: ../walk", "1:1 name", "'../walk' has characters that are not allowed"),
-        ("name: walk", "name: [walk]", "1:1 name", "['walk'] is not a text"),
         ("friction: 0.2", "friction: 0.2\nimpact_law: columb", "11:1 impact_law", "'columb' is not one of the"),
         ("type: constant_torque", "type: constant_torq", "11:11 control.type", "no control law is called"),
         (TORQUES, "{ankle: 1}", "11:1 control.type", "is missing; allowed: none, constant_torque, pd"),
@@ -151,12 +148,7 @@ def test_a_wrong_simulation_is_named(more, words):
     ("text", "words"),
     [
         (f"{WHEEL}\nstate: {{dtheta: 1}}", " state: is for simulations without a gait"),
-        (f"{WHEEL}\nuntil: {{time: 1}}", " until: is for simulations without a gait"),
         (changed(("leg_com: 0.8", "leg_com: 1.8")), ":2:1 walker: leg_com = 1.8 m must be less than leg_length = 1.6"),
-        (
-            changed(("spokes: 10", "spokes: 2"), text=WHEEL),
-            ":2:32 walker.spokes: 2 must be at least 3 and at most",
-        ),
         (changed(("spokes: 10", "spokes: 10.5"), text=WHEEL), "10.5 is not an integer"),
         (changed(text=WHEEL, add="control: {type: pd}"), ":5:11 control.type: rimless_wheel has no actuators, so pd"),
         (changed(("[slip_forward, stick]", "[]")), "a step needs at least one phase"),
@@ -190,16 +182,7 @@ def test_a_name_cannot_leave_the_folder_of_its_runs(name):
 @pytest.mark.parametrize(
     ("law", "key", "words"),
     [
-        ("kd: -1, reference: {gait: compass-passive-b, beyond_end: flow}", "kd", "-1 must be at least 0 (gain on the"),
         ("kd: 1", "reference", "is missing (motion that the joints track)"),
-        ("kd: 1, reference: 3", "reference", "does not say what to follow: give one of {constant: {JOINT: 10 deg}}"),
-        ("kd: 1, reference: {gait: compass-passive-b}", "reference.beyond_end", "is missing"),
-        ("kd: 1, reference: {beyond_end: hold}", "reference", "does not say what to follow: give one of"),
-        (
-            "kd: 1, reference: {gait: compass-passive-b, beyond_end: flw}",
-            "reference.beyond_end",
-            "'flw' is not one of the choices; did you mean flow?",
-        ),
         ("kd: 1, reference: {gait: compass-passive-x, beyond_end: off}", "reference.gait", "the reference 'compass-pa"),
         ("kd: 1, reference: {gait: nowhere.yaml, beyond_end: off}", "reference.gait", "the reference 'nowhere.yaml'"),
         ("kd: 1, reference: {gait: rimless-wheel-slip, beyond_end: off}", "reference.gait", "the reference 'rimless-w"),
@@ -207,11 +190,6 @@ def test_a_name_cannot_leave_the_folder_of_its_runs(name):
             "kd: 1, reference: {curve: {degree: 0, start: compass-passive-b}, beyond_end: hold}",
             "reference.curve.degree",
             "0 must be at least 1 and at most 20 (degree of the curve of each joint)",
-        ),
-        (
-            "kd: 1, reference: {curve: {degree: 5, start: compass-passive-b}, beyond_end: flow}",
-            "reference.beyond_end",
-            "'flow' is not one of the choices; allowed: linear, hold, off",
         ),
     ],
 )
@@ -233,7 +211,6 @@ def test_a_wrong_gain_and_a_wrong_reference_come_at_once():
 @pytest.mark.parametrize(
     ("new", "place", "words"),
     [
-        ("hip: {free: [1, -1], guess: 0.2}", "11:52 control.hip.free", "is empty: [1, -1] needs lo < hi"),
         ("hip: {free: [1, 1], guess: 1}", "11:52 control.hip.free", "is empty: [1, 1] needs lo < hi"),
         ("hip: {free: [-1, 1], guess: 2}", "11:67 control.hip.guess", "2 is outside of its bounds [-1, 1]"),
         ("hip: {free: [-1, x], guess: 0}", "11:63 control.hip.free[1]", "'x' is not a number"),
@@ -262,7 +239,6 @@ def test_the_bounds_of_an_unknown_are_held_to_the_range_of_its_parameter():
     ("stated", "place", "words"),
     [
         ("objective: cost_of_transpor", "18:1 objective", "cost_of_transpor is not a scalar of a gait and no freed"),
-        ("objective: {spee: 1}", "18:13 objective.spee", "is not a scalar of a gait and no freed parameter; did you"),
         ("objective: {control.ankle: 1}", "18:13 objective.control.ankle", "is not a scalar of a gait and no freed"),
         ("objective: {speed: 0}", "18:13 objective.speed", "0 is not a weight: give a number, negative to maximise,"),
         ("objective: 3", "18:1 objective", "3 is neither a NAME nor a mapping {NAME: weight}"),
@@ -314,12 +290,10 @@ def test_a_fault_is_one_printable_line_whatever_the_file_says():
     ("change", "words"),
     [
         ({"gait.phases": ["knee"]}, r"\{mode: stick, knee: free\}"),
-        ({"gait.phases": ["roll"]}, "round_feet_compass"),
         ({"gait.phases": ["double_support"]}, "both feet on the ground, such as slip_walker"),
         ({"gait.phases": ["jump"]}, "phases called flight"),
         ({"gait.impact": "bounce"}, "impacts are plastic"),
         ({"walker.hip_damping": 1.0}, "torso_walker"),
-        ({"walker.restitution": 0.5}, "nothing bounces"),
         ({"control": {"type": "cpg"}}, "time since the impact"),
     ],
 )

@@ -19,28 +19,19 @@ TORQUE, PASSIVE, PD, CURVE = (
 WHEEL = "rimless-wheel-stick"
 IMPOSSIBLE = [
     (TORQUE, "constraints.period", -1, "from 4.04061e-07 to 404.061 (from 1e-06 sqrt(l/g) to 1000 sqrt(l/g))"),
-    (TORQUE, "constraints.period", 0, "from 4.04061e-07"),
     (TORQUE, "constraints.step_length", 10, "at most 6.4 in size (at most 4 l in size)"),
     (TORQUE, "constraints.speed", 1e6, "at most 395.98 in size"),
-    (TORQUE, "constraints.slip_distance", {"max": -1}, "from 0 to 3.2"),
     (TORQUE, "constraints.peak_torque", {"max": -1}, "at least 0"),
     (TORQUE, "constraints.torque_squared", -1, "at least 0"),
     (TORQUE, "constraints.absolute_cost_of_transport", {"max": -1e-9}, "from 0 to 1e+06"),
-    (TORQUE, "constraints.spectral_radius", {"max": -1}, "at least 0"),
-    (TORQUE, "constraints.required_friction", {"max": -1}, "from 0 to 1000"),
-    (TORQUE, "constraints.impulse_ratio", {"max": -1}, "at least 0"),
     (TORQUE, "constraints.min_normal_force", {"min": 99}, "from 0 to 98 (from 0 to 1 m g)"),
     (TORQUE, "constraints.foot_clearance", 5, "at most 3.2 in size"),
     (TORQUE, "constraints.state.theta1", 5, "at most 1.5708 in size"),
     (TORQUE, "constraints.state.dtheta1", 1e3, "at most 247.487 in size (at most 100 sqrt(g/l) in size)"),
     (TORQUE, "control.hip", {"free": [-1, 1e9], "guess": 0}, "at most 156800 in size (at most 1000 m g l in size)"),
     (PASSIVE, "friction", 1e300, "at least 0 and at most 1000"),
-    (PASSIVE, "friction", -1e-9, "at least 0 and at most 1000"),
     (PASSIVE, "walker.slope", "89.99 deg", "at least -1.39626 and at most 1.39626"),
-    (PASSIVE, "walker.slope", "-85 deg", "at least -1.39626 and at most 1.39626"),
-    (PASSIVE, "walker.leg_mass", 0, "greater than 0"),
     (PASSIVE, "walker.leg_mass", 1e-300, "greater than 0, and at least 1e-30"),
-    (PASSIVE, "walker.hip_mass", 1e300, "at most 1e+30"),
     (PASSIVE, "walker.gravity", 1e300, "at most 1e+30"),
     (PASSIVE, "gait.guess.state.theta1", 1e10, "at least -1.5708 and at most 1.5708"),
     (PASSIVE, "gait.guess.state.theta1", 0, "a step begins with the feet apart"),
@@ -50,7 +41,6 @@ IMPOSSIBLE = [
     (WHEEL, "walker.spokes", 10**9, "at least 3 and at most 1000"),
     (WHEEL, "gait.guess.state.dtheta", 1e10, "at most 100 in size"),
     (PD, "control.kp", 1e300, "from 0 to 156800 (from 0 to 1000 m g l)"),
-    (PD, "control.kd", 1e9, "from 0 to 6335.68"),
     (PD, "control.reference.gait", "", "must not be empty"),
     (CURVE, "control.reference.curve.start", "", "must not be empty"),
     (CURVE, "control.reference.curve.duration", 1e6, "from 0 to 404.061"),
@@ -92,17 +82,10 @@ def test_what_is_merely_unusual_is_remarked(name, key, value, words):
     assert any(line.startswith(f"{key}") and words in line for line in changed.remarks)
 
 
-def test_a_remark_on_a_file_has_its_line():
-    text = go.load_problem(PASSIVE).text.replace("friction: 0.2", "friction: 20")
-    line = text.splitlines().index("friction: 20") + 1
-    (remark,) = parse_problem(text).remarks
-    assert remark.startswith(f"problem:{line}:1 friction: 20 is unusual")
-
-
 def test_a_remark_names_the_value_it_is_about_wherever_that_was_given_last():
     text = go.load_problem(PASSIVE).text.replace("friction: 0.2", "friction: 20")
     stated, in_file = parse_problem(text), f"problem:{text.splitlines().index('friction: 20') + 1}:1 friction: 20 is"
-    for changes in ({"walker.hip_mass": 2.5}, {"walker.hip_mass": 2.5, "gait.guess.state.theta1": -0.21}):
+    for changes in ({}, {"walker.hip_mass": 2.5}, {"walker.hip_mass": 2.5, "gait.guess.state.theta1": -0.21}):
         (remark,) = stated.replace(changes).remarks
         assert remark.startswith(in_file)
     (remark,) = stated.replace({"friction": 30}).replace({"walker.hip_mass": 2.5}).remarks
