@@ -63,19 +63,6 @@ def test_arcs_and_steps_follow_each_other_without_a_gap_and_a_foot_at_rest_has_n
                 assert arc.states[0, -1] == 0
 
 
-@pytest.mark.parametrize("name", sampled(GAITS, 3))
-def test_every_arc_obeys_the_flow_of_its_mode_along_its_whole_length(name):
-    gait = named(name)
-    for arc in gait.arcs:
-        s = np.linspace(-0.95, 0.95, 7)
-        states = curves.evaluate(curves.coefficients(arc.states), s)
-        slopes = np.column_stack([curves.slopes(column, s) for column in arc.states.T]) * 2 / arc.duration
-        times, p = arc.start + arc.duration * (s + 1) / 2, arc.dynamics.p
-        flow, data = gait.system.flow(arc.mode), gait.system.data(arc.segment)
-        rates = np.array([np.asarray(flow(t, z, p, data)).ravel() for t, z in zip(times, states, strict=True)])
-        np.testing.assert_allclose(slopes, rates, rtol=1e-7, atol=1e-7)
-
-
 def test_an_arc_that_few_points_do_not_resolve_gets_more():
     solution = solution_of(named("compass-passive-a"))
     coarse, fine = assemble_steps(solution, (5,)), assemble_steps(solution, (5, *curves.COUNTS))

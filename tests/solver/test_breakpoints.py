@@ -6,16 +6,12 @@ import pytest
 from jumping import AT_ALL, AT_ONCE, PUSH, SLIPPING, problem, pushed, staircase
 
 from gaitopt import Cycle, Family, Mode, verify
-from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
 from gaitopt.model.cycle import BREAKPOINT
-from gaitopt.model.dynamics import saltation
 from gaitopt.requests import Engine
-from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.solver.assembly import solution_of
 from gaitopt.solver.following import follow
 from gaitopt.solver.rollout import retraced, roll_out, rolled_again
 from gaitopt.solver.solve import solve_gait
-from gaitopt.verification.return_map import ReturnMap
 
 BEFORE, AT, AFTER = 0.165, 0.167, 0.175
 """Frictions with which the foot slips at the breakpoint, again, and only during the push."""
@@ -37,32 +33,6 @@ def test_both_engines_confirm_the_gait_and_its_multipliers(engine, friction):
     verification = verify(jumping.gait(friction, *SLIPPING), engine=engine)
     assert verification.passed, verification.to_record()
     assert verification.figure("multipliers") < 1e-11
-
-
-@pytest.mark.parametrize("engine", [Engine.SCIPY, Engine.HEYOKA])
-def test_differences_of_five_walked_steps_confirm_the_fifth_power_of_the_derivative(engine):
-    gait, n = jumping.gait(BEFORE, *SLIPPING), 5
-    xi = gait.state[gait.system.section(Mode.STICK).indices]
-    walk = ReturnMap(Simulator(gait.dynamics, stepper_class(engine)), Mode.STICK, n)
-    h = 1e-5 * walk.unit
-    columns = [(walk(xi + h * e).xi - walk(xi - h * e).xi) / (2 * h @ e) for e in np.eye(xi.size)]
-    derivative = solution_of(gait).return_map.by_section
-    np.testing.assert_allclose(np.column_stack(columns), np.linalg.matrix_power(derivative, n), atol=2e-6)
-
-
-def test_the_switch_at_the_breakpoint_is_no_event_for_deviations():
-    """The saltation matrix of the cone, which the old mode would cross later, would change the multipliers."""
-    gait = jumping.gait(BEFORE, *SLIPPING)
-    (step,) = Simulator(gait.dynamics).run(gait.state).steps
-    arc, after = step.arcs[:2]
-    linear = gait.system.linearized(arc.mode)(arc.end, arc.states[-1], gait.p, [-1])
-    flow, gradients, rates = (np.asarray(value) for value in linear)
-    flow_after = np.asarray(gait.system.flow(after.mode)(after.start, after.states[0], gait.p, [12]))
-    row = gait.system.transitions.margin_names(arc.mode).index("cone_backward")
-    wrong = saltation(flow.ravel(), flow_after.ravel(), gradients[row], rates[row].item())
-    assert np.abs(wrong - np.eye(6)).max() > 0.1
-    right = floquet_multipliers(ReturnMap(Simulator(gait.dynamics), Mode.STICK).jacobian([step]))
-    assert multiplier_distance(right, gait.multipliers) < 1e-11
 
 
 def test_the_end_of_a_timed_phase_is_a_time_and_its_margins_are_required_on_both_sides():

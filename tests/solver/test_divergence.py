@@ -11,7 +11,7 @@ from gaitopt import Family, Gait
 from gaitopt.branches.curve import Curve, Metric
 from gaitopt.design.spectral_radius import certified_radius
 from gaitopt.solver.assembly import solution_of
-from gaitopt.solver.newton import Solution, polish, refine
+from gaitopt.solver.newton import Solution, polish, refine, solve_nearby
 from gaitopt.solver.shooting import MultipleShooting
 from gaitopt.solver.sparse import Pattern, ScaledMatrix, SparseMatrix
 
@@ -49,6 +49,12 @@ def test_what_is_polished_far_from_a_gait_is_none(far: float) -> None:
     refined = refine(polish(Solution(equations, w * far, gait().p)))
     assert not refined.size < 1
     assert not refined.accurate
+
+
+@pytest.mark.parametrize("far", FAR)
+def test_newtons_method_finds_nothing_from_far_away(far: float) -> None:
+    equations, w = unknowns()
+    assert not solve_nearby(Solution(equations, w * far, gait().p)).converged
 
 
 @pytest.mark.parametrize("far", FAR)

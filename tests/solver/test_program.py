@@ -1,4 +1,4 @@
-"""The nonlinear program as its users have it: labels, bounds, derivatives, quantities, solvers of CasADi, gaits."""
+"""The nonlinear program as its users have it: labels, bounds, quantities, solvers of CasADi, gaits."""
 
 import copy
 import pickle
@@ -64,20 +64,6 @@ def test_every_unknown_and_constraint_has_bounds_and_a_label_with_its_place_and_
     else:
         assert equations == nlp.x.numel()
         assert float(ca.Function("f", [nlp.x, nlp.p], [nlp.f])(nlp.x0, nlp.p0)) == 0.0
-
-
-@pytest.mark.parametrize("name", FEW)
-def test_jacobian_is_that_of_central_differences(name):
-    nlp = go.nlp(name)
-    g = ca.Function("g", [nlp.x, nlp.p], [nlp.g, ca.jacobian(nlp.g, nlp.x)])
-    rng, eps = np.random.default_rng(1), 1e-6
-    w = nlp.x0 + 1e-3 * nlp.x_sizes * rng.normal(size=nlp.x0.size)
-    exact = np.asarray(ca.DM(g(w, nlp.p0)[1]))
-    for _ in range(3):
-        direction = nlp.x_sizes * rng.normal(size=w.size)
-        plus, minus = (np.asarray(g(w + sign * eps * direction, nlp.p0)[0]).ravel() for sign in (1, -1))
-        slope = exact @ direction
-        np.testing.assert_allclose((plus - minus) / (2 * eps), slope, rtol=1e-6, atol=1e-6 * np.abs(slope).max())
 
 
 @pytest.mark.parametrize("name", FEW)

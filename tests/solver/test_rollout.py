@@ -1,4 +1,4 @@
-"""First guesses: rolled out where they walk, of a sensible length where not, or from a step's length and time alone."""
+"""First guesses: from a state that may not walk, or from a step's length and time alone."""
 
 import re
 
@@ -10,53 +10,12 @@ from refusals import refusal
 import gaitopt as go
 from gaitopt import Cycle, Mode
 from gaitopt.model.control import NoControl
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import MARGINS
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.solver.diagnosis import missing_event
-from gaitopt.solver.rollout import roll_out, transit_time
-from gaitopt.systems import build_system, solve_sequence
-
-
-def prepared(name, **overrides):
-    """System, parameters, sequence and guessed state of a problem."""
-    problem = go.load_problem(name).replace({key.replace("__", "."): value for key, value in overrides.items()})
-    system = build_system(problem)
-    state = np.array([problem.guess.state[key] for key in system.state_names])
-    return system, system.values(problem.parameters), problem.cycle, state
-
-
-@pytest.mark.parametrize(
-    ("name", "time"),
-    [("rimless-wheel-stick", 2 * np.pi / 10 / 0.7587), ("compass-passive-stick", 2 * 0.1478 / max(0.7328, 0.5007))],
-)
-def test_transit_takes_a_walker_from_one_leg_to_the_next(name, time):
-    system, p, sequence, state = prepared(name)
-    assert transit_time(Dynamics(system, p), sequence, state) == pytest.approx(time)
-
-
-@pytest.mark.parametrize(
-    ("name", "overrides", "phase"),
-    [
-        ("compass-passive-stick", {"walker__leg_length": 0.8, "walker__leg_com": 0.4}, 0),  # falls back
-        ("compass-passive-stick", {"walker__hip_mass": 10.0}, 0),  # falls forward, the swing leg too late
-        ("rimless-wheel-slip", {"friction": 1.0}, 0),  # never slips
-        ("rimless-wheel-slip", {"gait__guess__state__dtheta": -0.3}, 0),  # falls at once
-    ],
-)
-def test_phase_without_an_end_takes_a_part_of_a_step(name, overrides, phase):
-    system, p, sequence, state = prepared(name, **overrides)
-    rolled = roll_out(Dynamics(system, p), sequence, state)
-    assert rolled.endless == phase
-    assert all(duration > 0 for duration in rolled.durations)
-    assert 0.04 < rolled.durations[0] / transit_time(Dynamics(system, p), sequence, state) < 3
-    assert all(np.isfinite(rolled(k, np.linspace(0, rolled.period, 9))).all() for k in range(len(rolled.durations)))
-
-
-def test_walker_at_rest_has_a_guess_too():
-    system, p, sequence, state = prepared("rimless-wheel-stick", gait__guess__state__dtheta=0.0)
-    assert 0 < roll_out(Dynamics(system, p), sequence, state).period < np.inf
+from gaitopt.solver.rollout import roll_out
+from gaitopt.systems import solve_sequence
 
 
 @pytest.mark.parametrize(
@@ -67,6 +26,7 @@ def test_walker_at_rest_has_a_guess_too():
         ("compass-passive-stick", {"walker.hip_mass": 10}),
         ("compass-passive-b", {"friction": 0.3}),
         ("rimless-wheel-stick", {"gait.guess.state.dtheta": -0.3}),
+        ("rimless-wheel-stick", {"gait.guess.state.dtheta": 0.0}),
     ],
 )
 def test_guess_that_does_not_walk_still_leads_to_a_gait(name, overrides):
@@ -91,7 +51,6 @@ def test_feet_that_stay_together_are_no_step():
             r"phase 1 .stick. has no end: from the guess|so it does not take place",
             marks=pytest.mark.slow,
         ),
-        ("rimless-wheel-stick", {"friction": 0}, "needs friction 0.9141, has 0"),
         ("compass-torque-impact-slip", {"control.hip": -1}, "the swing foot (does not come down|leaves the ground)"),
         pytest.param("compass-torque-slip", {"friction": 0.25}, "so it does not take place", marks=pytest.mark.slow),
         (
@@ -102,7 +61,6 @@ def test_feet_that_stay_together_are_no_step():
             },
             "the swing foot touches the ground earlier in the step, about 1.0",
         ),
-        ("compass-passive-stick", {"walker.slope": "-1 deg"}, "no source of energy"),
         ("rimless-wheel-stick", {"walker.slope": 0}, "passive walker on level or uphill ground cannot have a"),
     ],
 )
