@@ -171,7 +171,7 @@ class Mode(str):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> core_schema.CoreSchema:
-        """The sections of a problem hold modes: ``problem.reading``, which knows the walker, has read them."""
+        """The sections of a problem hold modes: ``problem.gait_section``, which knows the walker, has read them."""
         return core_schema.is_instance_schema(cls)
 
     @classmethod

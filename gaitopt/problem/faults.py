@@ -15,7 +15,7 @@ from string import digits
 from types import UnionType
 from typing import Annotated, Any, Protocol, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
@@ -52,6 +52,7 @@ LOOKS_ALIKE = 0.3
 the last name often differ."""
 
 Model = TypeVar("Model", bound=BaseModel)
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +157,38 @@ def read_section(model: type[Model], data: object, path: Key, faults: list[Fault
     return None if converted else section
 
 
+def read_value(form: TypeAdapter[Value], value: object, path: Key, faults: list[Fault]) -> Value | None:
+    """``value`` in one of the forms that the schema declares; None if faults were added."""
+    try:
+        return form.validate_python(value)
+    except ValidationError as error:
+        (model,) = nested_models(form._type) or (BaseModel,)
+        faults += [Fault((*path, *item["loc"]), _message(item, model)) for item in error.errors()]
+        return None
+
+
+class SectionReader:
+    """Base of the readers of a problem's sections, which add all faults to one list.
+
+    Parameters
+    ----------
+    data : data of the whole problem.
+    faults : list to which faults are added.
+    """
+
+    def __init__(self, data: Mapping[str, Any], faults: list[Fault]) -> None:
+        self._data, self._faults = data, faults
+
+    def _fault(self, path: Key, message: str) -> None:
+        self._faults.append(Fault(path, message))
+
+    def _section(self, model: type[Model], data: object, path: Key) -> Model | None:
+        return read_section(model, data, path, self._faults)
+
+    def _value(self, form: TypeAdapter[Value], value: object, path: Key) -> Value | None:
+        return read_value(form, value, path, self._faults)
+
+
 def _converted_numbers(model: type[BaseModel], data: Mapping[str, Any]) -> Iterator[tuple[Key, str]]:
     """Keys of texts and truth values that pydantic would convert to numbers, with a message for each.
 
@@ -226,6 +259,8 @@ def nearest_keys(key: str, known: Sequence[str]) -> str:
 def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
     """The message for an error that pydantic reports, in the terms of the problem file."""
     kind, value, limits = item["type"], item.get("input"), item.get("ctx", {})
+    if kind == "refused":  # the schema states the whole message
+        return item["msg"]
     model, field = _innermost(model, item["loc"])
     description = "" if field is None else field.description or ""
     meaning = f" {description}" if description.startswith("[") else description and f" ({description})"

@@ -9,8 +9,21 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, create_model, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WithJsonSchema,
+    WrapValidator,
+    create_model,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
 
 from gaitopt.model.contract import law_section
 from gaitopt.model.control import ConstantTorque, NoControl, is_parameter
@@ -22,6 +35,7 @@ from gaitopt.model.registry import registered_controls, registered_walkers
 from gaitopt.model.units import (
     ANGLE_UNITS,
     DURATION,
+    SMALLEST_SIZE,
     Angle,
     Duration,
     Finite,
@@ -33,7 +47,7 @@ from gaitopt.model.units import (
     symmetric,
 )
 from gaitopt.model.walker import Walker
-from gaitopt.problem.faults import Key, near_miss, nested_models
+from gaitopt.problem.faults import Key, near_miss, nested_models, shown
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS
 
 
@@ -280,6 +294,65 @@ class AngleRangeSection(RangeSection):
     max: Annotated[Angle | None, Field(description="upper bound [rad], none if left out")] = None
 
 
+def _refused(value: object, words: str) -> PydanticCustomError:
+    return PydanticCustomError("refused", f"{shown(value)} {words}")
+
+
+def _form(words: str) -> WrapValidator:
+    """A validator that gives every value which a type refuses one message."""
+
+    def read(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            raise _refused(value, words) from None
+
+    return WrapValidator(read)
+
+
+def _mapping(words: str, fewest: int = 0) -> BeforeValidator:
+    """A validator that gives every value but a mapping with as many entries one message."""
+
+    def read(value: Any) -> Any:
+        if not isinstance(value, Mapping) or len(value) < fewest:
+            raise _refused(value, words)
+        return value
+
+    return BeforeValidator(read)
+
+
+def _constraint(section: type[RangeSection], number: Any, units: str) -> TypeAdapter[RangeSection]:
+    """The form of a constraint: a range, or a number, which is a range with equal ends."""
+    form = _form(f"is not a constraint: a number or {{min: a, max: b}}, {units}")
+    equality: TypeAdapter[float] = TypeAdapter(Annotated[number, form])
+
+    def read(value: Any) -> Any:
+        return value if isinstance(value, Mapping) else dict.fromkeys(("min", "max"), equality.validate_python(value))
+
+    return TypeAdapter(Annotated[section, BeforeValidator(read)])  # type: ignore[arg-type]
+
+
+Weight = Annotated[
+    Positive | Annotated[Number, Field(le=-SMALLEST_SIZE)],
+    _form(f"is not a weight: give a number, negative to maximise, at least {SMALLEST_SIZE:g} in size"),
+]
+"""Weight of a scalar in an objective."""
+WEIGHTS: TypeAdapter[dict[str, float]] = TypeAdapter(
+    Annotated[dict[str, Weight], _mapping("is neither a NAME nor a mapping {NAME: weight}", 1)]
+)
+"""Form of an objective with weights."""
+CONSTRAINTS: TypeAdapter[dict[Any, Any]] = TypeAdapter(
+    Annotated[dict[Any, Any], _mapping("is not a mapping {NAME: value} or {NAME: {min, max}}")]
+)
+CONSTRAINT = _constraint(RangeSection, Number, "in SI")
+ANGLE_CONSTRAINT = _constraint(AngleRangeSection, Angle, "in SI or with deg")
+"""Forms of all constraints, of one, and of one of an angle."""
+_LIMITS = _form("is not a range: give two numbers, [lo, hi]")
+LIMITS: TypeAdapter[tuple[float, float]] = TypeAdapter(Annotated[tuple[Number, Number], _LIMITS])
+ANGLE_LIMITS: TypeAdapter[tuple[float, float]] = TypeAdapter(Annotated[tuple[Angle, Angle], _LIMITS])
+"""Forms of the range of a parameter over which a design holds, and of that of an angle."""
+VALUE, ANGLE_VALUE = TypeAdapter[float](Number), TypeAdapter[float](Angle)
+"""Forms of the value of such a parameter, and of that of an angle."""
 SIMULATION_KEYS = ("state", "until")
 """Keys of a file that states no gait and can only be simulated."""
 SECTION_KEYS = ("walker", "control", "gait", *SIMULATION_KEYS, "objective", "constraints", "over", "at")
@@ -527,7 +600,8 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
             for section in sections:
                 section["properties"] = {k: v for k, v in section["properties"].items() if k not in omitted}
             described = {"description": entry["description"]} if "description" in entry else {}
-            schema["properties"][key] = sections[0] if len(sections) == 1 else {**described, "oneOf": sections}
+            alone = len(sections) == 1 and not described  # a section describes itself, but not its key
+            schema["properties"][key] = sections[0] if alone else {**described, "oneOf": sections}
             continue
         value_types = get_args(entry_field.annotation)
         if "additionalProperties" in entry and is_angle(FieldInfo.from_annotation(value_types[-1])):

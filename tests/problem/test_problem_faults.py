@@ -356,3 +356,9 @@ def test_a_range_is_part_of_the_problem_and_of_its_digest():
 
 def test_a_fault_without_an_override_is_located_by_its_own_key():
     assert OverridePlace({}, "--set ").locate(("gait", "phases", 1)) == ((0, 0), "--set gait.phases[1]")
+
+
+@pytest.mark.parametrize("key", ["objective", "constraints"])
+def test_a_scalar_whose_name_is_no_text_is_unknown(key):
+    with pytest.raises(ProblemError, match=rf"{key}.*1.*is not a scalar of a gait and no freed parameter"):
+        parse_problem(GAIT).replace({key: {1: 2}})
