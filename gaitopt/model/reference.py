@@ -28,7 +28,7 @@ from pydantic import (
     WrapValidator,
 )
 
-from gaitopt.model.curve import BeyondEnd, Curve, bezier_curve, keys
+from gaitopt.model.curve import BeyondEnd, Curve, bernstein_matrix, bezier_curve, keys
 from gaitopt.model.table import LARGEST_POINT, Table, table_curve
 from gaitopt.model.units import DURATION, SMALLEST_SIZE, Angle, Duration, Within, parse_angle, unknown_faults
 from gaitopt.model.walker import WalkerType
@@ -61,19 +61,17 @@ class FreePoint(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    free: Annotated[tuple[PointValue, ...], Field(min_length=2, max_length=2, description="bounds [lo, hi]")]
+    free: Annotated[tuple[PointValue, PointValue], Field(description="bounds [lo, hi]")]
     guess: Annotated[PointValue, Field(description="first guess, within the bounds")]
 
 
 def _read_point(value: Any, handler: ValidatorFunctionWrapHandler) -> "float | FreePoint":
     """A control point: an unknown if it is a mapping, otherwise a number."""
-    if not isinstance(value, Mapping | FreePoint):
-        return _ANGLE.validate_python(value)
     if isinstance(value, Mapping):
         bounds = value.get("free")
         if {*value} != {"free", "guess"} or not isinstance(bounds, list | tuple) or len(bounds) != 2:
             raise ValueError("an unknown is {free: [lo, hi], guess: value}")
-    return _FREE_POINT.validate_python(value)
+    return (_FREE_POINT if isinstance(value, Mapping | FreePoint) else _ANGLE).validate_python(value)
 
 
 _ANGLE, _FREE_POINT = TypeAdapter[float](PointValue), TypeAdapter(FreePoint)
@@ -96,16 +94,7 @@ def _by_key(points: Points) -> dict[str, float | FreePoint]:
 
 def _free_bounds(points: Points) -> dict[str, tuple[float, float]]:
     """Bounds of those control points that are unknowns, by key."""
-    free = ((key, point) for key, point in _by_key(points).items() if isinstance(point, FreePoint))
-    return {key: (point.free[0], point.free[1]) for key, point in free}
-
-
-def _guessed(point: float | FreePoint, value: float | None) -> object:
-    """The data of a control point; a known value becomes the guess of an unknown, within its bounds."""
-    if not isinstance(point, FreePoint):
-        return point
-    guess = float(np.clip(point.guess if value is None else value, point.free[0], point.free[1]))
-    return {"free": list(point.free), "guess": guess}
+    return {key: point.free for key, point in _by_key(points).items() if isinstance(point, FreePoint)}
 
 
 def _extremes(point: float | FreePoint) -> tuple[float, ...]:
@@ -120,18 +109,10 @@ def _largest_angle(name: str, walker: WalkerType) -> float:
     return 2 * walker.largest_angle if name in walker.actuators and not walker.lengths else inf
 
 
-def _largest_value(points: Sequence[float]) -> float:
-    """Largest size of a Bezier curve, by de Casteljau's algorithm."""
-    s, rows = np.linspace(0, 1, CURVE_POINTS), np.tile(np.array(points)[:, None], CURVE_POINTS)
-    while len(rows) > 1:
-        rows = (1 - s) * rows[:-1] + s * rows[1:]
-    return float(np.abs(rows).max())
-
-
 def _point_faults(point: float | FreePoint, *path: str | int) -> Iterator[Fault]:
     """Bounds and guess of an unknown control point with this path that contradict each other."""
     if isinstance(point, FreePoint):
-        yield from (((*path, key), words) for key, words in unknown_faults(point.free[0], point.free[1], point.guess))
+        yield from (((*path, key), words) for key, words in unknown_faults(*point.free, point.guess))
 
 
 def _angle_limit(walker: WalkerType) -> str:
@@ -143,29 +124,14 @@ CLOCK = "clock"
 """Name of the time since the impact as the argument of curves, instead of a phase variable."""
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
 """Name or path of another problem."""
-GivenPhase = Annotated[
-    Name | None,
-    WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 1000}),
-    Field(description="argument of the curves: clock (time since the impact), a shape coordinate or a phase variable"),
-]
-Phase = Annotated[
-    Name | None,
-    Field(
-        description="argument of the curves: clock (time since the impact), a shape coordinate or a phase variable; "
-        "by default the clock"
-    ),
-]
-GivenSpan = Annotated[
-    tuple[PointValue, PointValue] | None,
-    Field(description="values of the phase variable at the start and the end of the curves [rad, or m]"),
-]
-Span = Annotated[
-    tuple[PointValue, PointValue] | None,
-    Field(
-        description="values of the phase variable at the start and the end of the curves [rad, or m]; by default those "
-        "of the gait"
-    ),
-]
+OF_PHASE = "argument of the curves: clock (time since the impact), a shape coordinate or a phase variable"
+OF_SPAN = "values of the phase variable at the start and the end of the curves [rad, or m]"
+PHASE_NAME = WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 1000})
+GivenPhase = Annotated[Name | None, PHASE_NAME, Field(description=OF_PHASE)]
+Phase = Annotated[Name | None, Field(description=f"{OF_PHASE}; by default the clock")]
+GivenSpan = Annotated[tuple[PointValue, PointValue] | None, Field(description=OF_SPAN)]
+Span = Annotated[tuple[PointValue, PointValue] | None, Field(description=f"{OF_SPAN}; by default those of the gait")]
+DEGREE = Field(ge=1, le=20, strict=True)
 Invariant = Annotated[
     Literal[True] | None,
     BeforeValidator(lambda value: None if value is False else value),
@@ -175,9 +141,6 @@ Invariant = Annotated[
         "their rates are zero just after it; a design finds control points with which this holds"
     ),
 ]
-UNKNOWNS_OF_INVARIANCE = (
-    "needs two free control points or more of each joint: outputs and rates after the impact vanish"
-)
 NOT_INVARIANT = "applies to virtual_constraints; under PD control joints leave their curves: leave it out"
 Continuation = Annotated[
     Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF] | None,
@@ -246,7 +209,7 @@ class Reference(BaseModel):
 
     def unknowns(self, walker: WalkerType) -> Mapping[str, tuple[float, float]]:
         """Bounds of the parameters that a design determines rather than the problem file."""
-        return _free_bounds(self.free_points(walker)) if self._known is None else self._known.bounds
+        return _free_bounds(self.points) if self._known is None else self._known.bounds
 
     @property
     def structure(self) -> object:
@@ -258,9 +221,11 @@ class Reference(BaseModel):
 
     def guesses(self, values: Mapping[str, float], walker: WalkerType) -> Mapping[str, object]:
         """Keys and values by which known values become the guesses, within their bounds; empty if none is known."""
-        if not {*_free_bounds(self.points)} & {*values}:
+        points, free = _by_key(self.points), _free_bounds(self.points)
+        if not {*free} & {*values}:
             return {}
-        known = {key: _guessed(point, values.get(key)) for key, point in _by_key(self.points).items()}
+        guesses = {key: float(np.clip(values.get(key, _value(points[key])), *span)) for key, span in free.items()}
+        known = points | {key: {"free": [*free[key]], "guess": guess} for key, guess in guesses.items()}
         rows = {name: [known[key] for key in keys(name, row)] for name, row in self.points.items()}
         return {self.kind: {name: row if len(row) > 1 else row[0] for name, row in rows.items()}}
 
@@ -298,14 +263,10 @@ class Reference(BaseModel):
         """Control points that the file states, by joint."""
         return {}
 
-    def free_points(self, walker: WalkerType) -> Points:
-        """Control points, with unknowns for those that a design finds, by joint."""
-        return self.points
-
     @property
     def is_invariant(self) -> bool:
         """Whether a design keeps the curves invariant under the impact."""
-        return False
+        return bool(vars(self).get("invariant"))
 
     @property
     def source(self) -> tuple[str, Path]:
@@ -322,44 +283,37 @@ class Reference(BaseModel):
         points = {name: tuple(map(_value, row)) for name, row in self.points.items()}
         return bezier_curve(points, span, phase=phase, beyond_end=beyond_end, bounds=_free_bounds(self.points))
 
+    def _argument_faults(self, walker: WalkerType, joints: Sequence[str], key: str) -> Iterator[Fault]:
+        """Joints below ``key`` that the walker does not track, an unknown phase, and keys that suit another argument.
 
-def _argument_faults(
-    reference: "BezierReference | TableReference | GaitReference | CurveReference",
-    walker: WalkerType,
-    joints: Sequence[str],
-    key: str,
-) -> Iterator[Fault]:
-    """Joints that the walker does not track, an unknown phase, and keys that do not suit the phase, or the clock.
-
-    Parameters
-    ----------
-    joints : the joints that the reference states, below ``key``.
-    """
-    phase, angles, span = reference.phase_variable, (*walker.shape, *walker.phases), getattr(reference, "span", None)
-    has_source = isinstance(reference, GaitReference | CurveReference)
-    for joint in joints:
-        if joint == phase and not has_source:
-            yield (key, joint), f"{joint} is the phase variable and cannot follow a curve that depends on it"
-        elif joint not in walker.tracked:
-            yield (key, joint), untracked(walker)
-    if not phase:
-        if reference.beyond_end is None:
-            kinds = "flow, linear, hold or off" if isinstance(reference, GaitReference) else "linear, hold or off"
-            yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
-        if span is not None and has_source:
-            yield ("span",), "does not apply to curves of time: leave it out, or give phase: NAME"
-        return
-    if phase not in angles:
-        words = f"it has {', '.join(angles)}; clock is the time since the impact"
-        yield ("phase",), f"{walker.model} has no phase variable {phase!r}; {words}"
-    elif has_source and phase in reference.followers(walker):
-        words = f"name the joints that can, joints: {{JOINT: {phase}}}"
-        yield ("phase",), f"{phase} cannot follow a curve that depends on it: {words}"
-    if span is not None and span[0] == span[1]:
-        yield ("span",), f"is empty: both ends are {span[0]:g}; give the phase after and before the impact"
-    if reference.beyond_end is not None:
-        words = "curves of a phase variable continue as polynomials: leave it out"
-        yield ("beyond_end",), f"applies only to curves of time; {words}"
+        It is for references that state their argument.
+        """
+        phase, angles = self.phase_variable, (*walker.shape, *walker.phases)
+        span, beyond_end = (getattr(self, name, None) for name in ("span", "beyond_end"))
+        has_source = isinstance(self, GaitReference | CurveReference)
+        for joint in joints:
+            if joint == phase and not has_source:
+                yield (key, joint), f"{joint} is the phase variable and cannot follow a curve that depends on it"
+            elif joint not in walker.tracked:
+                yield (key, joint), untracked(walker)
+        if not phase:
+            if beyond_end is None:
+                kinds = "flow, linear, hold or off" if isinstance(self, GaitReference) else "linear, hold or off"
+                yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
+            if span is not None and has_source:
+                yield ("span",), "does not apply to curves of time: leave it out, or give phase: NAME"
+            return
+        if phase not in angles:
+            words = f"it has {', '.join(angles)}; clock is the time since the impact"
+            yield ("phase",), f"{walker.model} has no phase variable {phase!r}; {words}"
+        elif has_source and phase in self.followers(walker):
+            words = f"name the joints that can, joints: {{JOINT: {phase}}}"
+            yield ("phase",), f"{phase} cannot follow a curve that depends on it: {words}"
+        if span is not None and span[0] == span[1]:
+            yield ("span",), f"is empty: both ends are {span[0]:g}; give the phase after and before the impact"
+        if beyond_end is not None:
+            words = "curves of a phase variable continue as polynomials: leave it out"
+            yield ("beyond_end",), f"applies only to curves of time; {words}"
 
 
 def untracked(walker: WalkerType) -> str:
@@ -423,22 +377,18 @@ class BezierReference(Reference):
         """The control points."""
         return self.bezier
 
-    @property
-    def is_invariant(self) -> bool:
-        """Whether the file asks a design to keep the curves invariant under the impact."""
-        return bool(self.invariant)
-
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Curves that no walker follows, bounds that contradict a guess, and keys that do not suit the argument."""
         for name, points in self.bezier.items():
             yield from self._point_faults(name, points, walker)
         if self._over_law:
             if self.invariant and len(_free_bounds(self.bezier)) < 2 * len(self.bezier):
-                yield ("invariant",), UNKNOWNS_OF_INVARIANCE
+                words = "needs two free control points or more of each joint"
+                yield ("invariant",), f"{words}: outputs and rates after the impact vanish"
             return
         if self.invariant:
             yield ("invariant",), NOT_INVARIANT
-        yield from _argument_faults(self, walker, tuple(self.bezier), "bezier")
+        yield from self._argument_faults(walker, tuple(self.bezier), "bezier")
         if not self.bezier:
             yield ("bezier",), "has no curve: give the control points of a joint, {JOINT: [0, 0.1, 0.2]}"
         if self.phase_variable:
@@ -464,7 +414,8 @@ class BezierReference(Reference):
                 limit = f"control points are at most {OVERSHOOT * largest:g} in size"
                 yield ("bezier", name, k), f"{beyond[0]:g} is impossible: {limit}, because {words}"
                 return
-        size = _largest_value([_value(point) for point in points])
+        curve = bernstein_matrix(len(points) - 1, np.linspace(0, 1, CURVE_POINTS)) @ [*map(_value, points)]
+        size = float(np.abs(curve).max())
         if size > largest:
             yield ("bezier", name), f"reaches {size:g} rad, which is impossible: {words}"
 
@@ -483,12 +434,10 @@ class TableReference(Reference):
     ]
     degree: Annotated[
         int | None,
+        DEGREE,
         Field(
-            ge=1,
-            le=20,
-            strict=True,
             description="degree of the polynomials fitted to the rows; by default a cubic spline in time passes "
-            "through all rows",
+            "through all rows"
         ),
     ] = None
     phase: GivenPhase = CLOCK
@@ -505,7 +454,7 @@ class TableReference(Reference):
         if not self._over_law:
             yield from (
                 (path[:1], f"{path[1]} {words}" if path[0] == "table" else words)
-                for path, words in _argument_faults(self, walker, [name for name, _ in angles], "table")
+                for path, words in self._argument_faults(walker, [name for name, _ in angles], "table")
             )
             expected = self.phase_variable or "t"
             if first != expected:
@@ -548,12 +497,8 @@ class GaitReference(Reference):
     joints: Joints = None
     degree: Annotated[
         int | None,
-        Field(
-            ge=1,
-            le=20,
-            strict=True,
-            description="degree of the polynomials fitted to the gait's angles as functions of a phase variable",
-        ),
+        DEGREE,
+        Field(description="degree of the polynomials fitted to the gait's angles as functions of a phase variable"),
     ] = None
     phase: Phase = None
     span: Span = None
@@ -578,7 +523,7 @@ class GaitReference(Reference):
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Joints that the walker does not track, and keys that do not suit the argument."""
         if not self._over_law:
-            yield from _argument_faults(self, walker, self.names, "joints")
+            yield from self._argument_faults(walker, self.names, "joints")
         if self.over_phase and self.degree is None:
             yield ("degree",), "is missing: curves of a phase variable are polynomials, for example degree: 8"
         elif not self.over_phase and self.degree is not None:
@@ -590,7 +535,7 @@ class CurveSpec(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    degree: Annotated[int, Field(ge=1, le=20, strict=True, description="degree of the curve of each joint")]
+    degree: Annotated[int, DEGREE, Field(description="degree of the curve of each joint")]
     start: Annotated[
         Name | None,
         Field(
@@ -651,19 +596,21 @@ class CurveReference(Reference):
         """The gait from which the curves start."""
         return (self.curve.start or "", ("curve", "start")) if self._known is None else ("", ())
 
-    def free_points(self, walker: WalkerType) -> Points:
-        """Control points that are unknowns within their bound, with guesses of zero."""
-        zeros = (0.0,) * (self.curve.degree + 1)
-        return self._unknown(dict.fromkeys(self.followers(walker), zeros))
+    def zeros(self, walker: WalkerType) -> dict[str, tuple[float, ...]]:
+        """Control points of curves that are zero, by joint."""
+        return dict.fromkeys(self.followers(walker), (0.0,) * (self.curve.degree + 1))
+
+    def unknowns(self, walker: WalkerType) -> Mapping[str, tuple[float, float]]:
+        """Bounds of the control points, which a design determines."""
+        return _free_bounds(self._unknown(self.zeros(walker))) if self._known is None else self._known.bounds
 
     def guesses(self, values: Mapping[str, float], walker: WalkerType) -> Mapping[str, object]:
         """The control points, within their bound; empty if some are missing."""
-        bound, points = self.curve.within, self.free_points(walker)
-        rows = {name: [values.get(key) for key in keys(name, row)] for name, row in points.items()}
-        if any(value is None for row in rows.values() for value in row):
+        bound, zeros = self.curve.within, self.zeros(walker)
+        if not {*_by_key(zeros)} <= {*values}:
             return {}
-        clipped = {name: np.clip(np.array(row, dtype=float), -bound, bound).tolist() for name, row in rows.items()}
-        return {"curve.points": clipped}
+        rows = {name: [values[key] for key in keys(name, row)] for name, row in zeros.items()}
+        return {"curve.points": {name: np.clip(row, -bound, bound).tolist() for name, row in rows.items()}}
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Points that do not suit the degree, the bound or the joints, and keys that do not suit the argument."""
@@ -671,7 +618,7 @@ class CurveReference(Reference):
         if self.over_phase and self.curve.duration is not None:
             yield ("curve", "duration"), "does not apply: curves of a phase variable have a span: [START, END]"
         if not self._over_law:
-            yield from _argument_faults(self, walker, tuple(self.joints or ()), "joints")
+            yield from self._argument_faults(walker, tuple(self.joints or ()), "joints")
             if self.curve.invariant:
                 yield ("curve", "invariant"), NOT_INVARIANT
             joints, words = self.followers(walker), "curves without curve.start need it"
@@ -708,17 +655,15 @@ class CurveReference(Reference):
         Such curves have points of the right number and size, and either a duration or a span. Others have faults to
         report.
         """
-        curve, points, stated = self.curve, self.curve.points or {}, dict[str, object]()
+        curve, points, key = self.curve, self.curve.points or {}, "span" if self.phase_variable else "duration"
         end: object = self.span if self.phase_variable else curve.duration
-        if not self._over_law:
-            stated = {"beyond_end": self.beyond_end}
-            stated |= {"phase": self.phase, "span": end} if self.phase_variable else {"duration": end}
         right = (len(row) == curve.degree + 1 and max(map(abs, row)) <= curve.within for row in points.values())
-        unused = (self.joints, curve.duration if self.over_phase else self.span)
-        is_given = curve.start is None and unused == (None, None) and points and all(right)
-        if not is_given or not (self._over_law or (end and not curve.invariant)):
+        unused = (curve.start, self.joints, curve.duration if self.over_phase else self.span)
+        if any(unused) or not (points and all(right)) or not (self._over_law or (end and not curve.invariant)):
             return self
-        stated |= {"bezier": self._unknown(points), "invariant": curve.invariant}
+        stated: dict[str, object] = {"bezier": self._unknown(points), "invariant": curve.invariant}
+        if not self._over_law:
+            stated |= {"phase": self.phase or CLOCK, key: end, "beyond_end": self.beyond_end}
         return _stated(BezierReference, stated, self._over_law)
 
     def _unknown(self, points: Mapping[str, tuple[float, ...]]) -> Points:

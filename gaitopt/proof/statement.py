@@ -314,8 +314,7 @@ def _completed_reference(
         if name in REFERENCE_KEYS:
             raise NotProved(f"a joint is called {name}, which is a key of references: not covered; rename it")
     if isinstance(reference, CurveReference):
-        zeros = {name: (0.0,) * len(row) for name, row in reference.free_points(walker).items()}
-        phase, duration = law.phase_variable, reference.curve.duration
+        zeros, phase, duration = reference.zeros(walker), law.phase_variable, reference.curve.duration
         if phase:
             span = reference.span or getattr(law, "span", None)
             if span is None:
