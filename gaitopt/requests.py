@@ -83,6 +83,9 @@ FEWEST_INTERVALS, MOST_INTERVALS = 2, 2000
 on a finer one; Newton's method may refine it."""
 
 
+FIGURE_GROUPS = ("range", "patch", "push", "sensitivity", "falls")
+"""The groups of figures of robustness."""
+
 LONGEST_SHOWN = 60
 """Largest number of characters of a wrong value in a message."""
 TYPE_NAMES = {int: "a whole number", float: "a finite number", bool: "True or False"}
@@ -100,6 +103,7 @@ class About:
     unit : unit of a number.
     keyed : whether the field enters the identity of stored work even at its default, as in the first version.
     effort : whether the field limits the work of one call without changing the stored results.
+    words : the words of which a text consists, with commas between; empty if it may be any text.
     """
 
     help: str = ""
@@ -108,6 +112,7 @@ class About:
     unit: str = ""
     keyed: bool = False
     effort: bool = False
+    words: tuple[str, ...] = ()
 
     @property
     def span(self) -> str:
@@ -179,6 +184,9 @@ class Entry:
             return tuple(map(self._number, value))
         if self.kind is str and not isinstance(value, str):
             raise ArgumentError(self.name, f"is {_shown(value)}, but must be a text")
+        if self.about.words and (not _words_of(value) or {*_words_of(value)} - {*self.about.words}):
+            allowed = f"some of {', '.join(self.about.words)}, with commas between"
+            raise ArgumentError(self.name, f"is {_shown(value)}, but must be {allowed}")
         return self._number(value) if self.kind in TYPE_NAMES else value
 
     def _number(self, value: Any) -> Any:
@@ -190,6 +198,10 @@ class Entry:
             allowed = f"{TYPE_NAMES[kind]}, {span}" if span else TYPE_NAMES[kind]
             raise ArgumentError(self.name, f"is {_shown(value)}, but must be {allowed}")
         return kind(value)
+
+
+def _words_of(text: str) -> list[str]:
+    return [word for word in map(str.strip, text.split(",")) if word]
 
 
 def _shown(value: Any) -> str:
@@ -489,7 +501,8 @@ class RobustnessRequest(Request):
     """See ``gaitopt.robustness``."""
 
     what: Annotated[
-        str | None, About("Figures: some of range,patch,push,sensitivity,falls, with commas. Default: all.")
+        str | None,
+        About(f"Figures: some of {','.join(FIGURE_GROUPS)}, with commas. Default: all.", words=FIGURE_GROUPS),
     ] = None
     over: Annotated[str | None, About("Parameter of the range. Default: friction.")] = None
     random: Annotated[
@@ -503,6 +516,12 @@ class RobustnessRequest(Request):
     steps: Annotated[int, About("Maximum number of steps of such a walk.", least=1, most=MOST_STARTS)] = 1000
     seed: Annotated[int, SEED] = 0
     engine: Annotated[Engine, ENGINE] = Engine.AUTO
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups of figures, each once."""
+        asked = FIGURE_GROUPS if self.what is None else _words_of(self.what)
+        return tuple(name for name in FIGURE_GROUPS if name in asked)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.trace import CurveStart, Trace, TracePoint, TraceSpecial, collected_trace
 from gaitopt.problem.floor import Floor
 from gaitopt.problem.problem import Problem
-from gaitopt.requests import BasinRequest, Engine, Method, TraceRequest, choice
+from gaitopt.requests import BasinRequest, Engine, Method, RobustnessRequest, TraceRequest, choice
 from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Job, make_workers, run_jobs
 
@@ -484,14 +484,18 @@ def robustness(
     StorageError
         As for ``sweep``.
     """
-    from gaitopt.runs.robustness import RobustnessPlan
+    from gaitopt.runs.robustness import RobustnessPlan, check_question
 
-    processes = make_workers(workers, scheduler)
-    solved = gait if isinstance(gait, Gait) else solve(problem_from(gait), progress=False, should_stop=should_stop)
-    plan = RobustnessPlan(
-        problem=solved.problem, gait=solved, what=what, over=over, random=random, walks=walks, steps=steps, seed=seed,
-        engine=choice(Engine, engine), folder=Run.of(solved.problem, output).folder,
-    )  # fmt: skip
+    request = RobustnessRequest(
+        what=what, over=over, random=random, walks=walks, steps=steps, seed=seed, engine=choice(Engine, engine)
+    )
+    processes, solved = make_workers(workers, scheduler), gait
+    if not isinstance(solved, Gait):
+        problem = problem_from(solved)
+        check_question(problem, request)
+        solved = solve(problem, progress=False, should_stop=should_stop)
+    folder = Run.of(solved.problem, output).folder
+    plan = RobustnessPlan(problem=solved.problem, gait=solved, folder=folder, **request.arguments)
     with shown(progress, job_progress, "figures") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
 

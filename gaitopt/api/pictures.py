@@ -24,7 +24,7 @@ from gaitopt.runs.atlas import Atlas
 from gaitopt.runs.branch import stored_branch
 from gaitopt.runs.results import KINDS, kind_of
 from gaitopt.runs.robustness import Robustness
-from gaitopt.show.catalogue import PAGE, Figures, figures_of
+from gaitopt.show.catalogue import ANIMATION, PAGE, Figures, check_names, figures_of
 from gaitopt.show.movie import MOVIES
 from gaitopt.show.pages import atlas_report, branch_report, comparison_report, robustness_report, walk_report
 from gaitopt.show.style import STILL, drawing_into, encoded
@@ -37,8 +37,6 @@ from gaitopt.verification.walk import Walk
 
 __all__ = ["animate", "draw", "html", "page_in", "plot", "report", "save", "save_figures", "write_page"]
 
-ANIMATION = "animation"
-"""Name of the page of the moving walker, beside the names of figures."""
 UNTITLED = (Branch, Trajectory, NonlinearProgram)
 """Types of results whose tables have no title of their own."""
 PICTURE_RESOLUTION = 80
@@ -130,9 +128,7 @@ def save_figures(
     figures = result if isinstance(result, Figures) else figures_of(result)
     moving = [] if figures.animation is None else [ANIMATION]
     known = (*figures.names, *moving)
-    unknown = [name for name in what if name not in known]
-    if unknown:
-        raise UnknownNameError(f"{unknown[0]}: choose from {', '.join(known)}").concerning("what")
+    check_names(what, known)
     chosen = what or (*(figures.usual if still else ()), *moving)
     unmoving = [name for name in chosen if name != ANIMATION]
     if not chosen or (unmoving and not still):

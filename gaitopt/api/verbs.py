@@ -399,13 +399,18 @@ def stabilise(
     Westervelt, Grizzle & Koditschek (2003), IEEE TAC 48(1), section IV: invariance under the impact.
     """
     from gaitopt.api.stored import check_problem_file, write_problem_file
+    from gaitopt.search.stabilise import check_phase
     from gaitopt.search.stabilise import stabilise as find_law
 
     request = StabiliseRequest(
         law=None if law is None else choice(FeedbackLaw, law), phase=phase, degree=degree, radius=radius
     )
     file = None if output is None else check_problem_file(output)
-    gait = start if isinstance(start, Gait) else solve(start, progress=False, should_stop=should_stop)
+    gait = start
+    if not isinstance(gait, Gait):
+        problem = problem_from(gait)
+        check_phase(problem, phase)
+        gait = solve(problem, progress=False, should_stop=should_stop)
     with shown(progress, word_progress, f"stabilising {gait.problem.name}") as show:
         made = find_law(gait, request, say=show, should_stop=should_stop)
     if file is not None:
@@ -682,11 +687,7 @@ def replay(
 
     request = ReplayRequest(time_steps=None if time_steps is None else tuple(time_steps))
     simulator = engines.adapter(engine)
-    known = simulator.settings
-    if isinstance(settings, str) and settings not in known:
-        message = f"{settings!r}: {simulator.name} has no setting of this name; use {', '.join(known)}"
-        raise UnknownNameError(message).concerning("setting")
-    named = known if settings is None else {settings: known[settings]} if isinstance(settings, str) else settings
+    named = engines.named_settings(simulator, settings)
     steps = sorted({*(request.time_steps or engines.TIME_STEPS)}, reverse=True)
     gait = start if isinstance(start, Gait) else solve(start, progress=False, should_stop=should_stop)
     require_converged(gait)

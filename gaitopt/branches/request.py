@@ -31,6 +31,8 @@ FOLLOWS = {
     "impact_change": "mode_changes",
 }
 """The key of ``Request.follow`` for every type of special point at which other branches begin."""
+LATER_PARAMETERS = ("friction.", "control.reference.", "control.step_feedback.")
+"""Beginnings of parameters that a problem may only have under another friction law, or once its law is computed."""
 LARGEST_LENGTH = 0.025
 """Largest arclength of a step: at least forty points for the range of the parameter."""
 
@@ -80,13 +82,7 @@ class Request(ContinueRequest):
                 f"{stated.problem.name} is {stated.status}, so there is nothing to continue: {stated.message}"
             )
         gait = _with_friction(stated, self.parameter)
-        names = gait.system.parameters
-        if self.parameter not in names:
-            near = nearest_keys(self.parameter, names)
-            raise UnknownNameError(f"{self.parameter} is not a parameter of {gait.problem.name}{near}")
-        if isinstance(gait.problem.parameters.get(self.parameter), int):
-            fault = "is a whole number, along which there is no family; solve for one value at a time"
-            raise UnknownNameError(f"{self.parameter}: {fault}").concerning("parameter")
+        check_parameter(gait.problem, self.parameter, gait.system.parameters)
         taken = ", ".join(sorted(set(self.events) & {*BIFURCATIONS, *TERMINAL, "mode_change", "impact_change"}))
         if taken:
             raise UnknownNameError(f"events: {taken} is a special point already; choose another name")
@@ -149,6 +145,27 @@ class Request(ContinueRequest):
         """One JSON object, the first line of a stored branch; events are left out, because they are functions."""
         followed = {kind: times for kind, times in self.follow.items() if times}
         return {"record": "continuation", **self.arguments, "to": list(self.to), **followed}
+
+
+def check_parameter(problem: Problem, key: str, known: Sequence[str] = ()) -> None:
+    """Refuse a parameter along which a problem has no family.
+
+    Parameters
+    ----------
+    known : the parameters of its gait. By default those of the problem file; what a gait may have beyond them, see
+        ``LATER_PARAMETERS``, is then not refused.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such parameter, or if it is a whole number.
+    """
+    names, may_come = known or tuple(problem.parameters), key == "friction" or key.startswith(LATER_PARAMETERS)
+    if key not in names and (known or not may_come):
+        raise UnknownNameError(f"{key} is not a parameter of {problem.name}{nearest_keys(key, names)}")
+    if isinstance(problem.parameters.get(key), int):
+        fault = "is a whole number, along which there is no family; solve for one value at a time"
+        raise UnknownNameError(f"{key}: {fault}").concerning("parameter")
 
 
 def motionless_gait(problem: Problem, parameter: str) -> Gait:

@@ -78,6 +78,7 @@ def continue_(
     Every point is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import families, stored
+    from gaitopt.branches.request import check_parameter
     from gaitopt.show.tables import print_branch
 
     levels = options.counts(follow)
@@ -90,7 +91,9 @@ def continue_(
         start, _ = stored.load_special_point(problem)
         gait = start.gait
     else:
-        start = gait = known_gait(problem, changes, None, terminal, keep=False)[0]
+        start = gait = known_gait(
+            problem, changes, None, terminal, keep=False, check=lambda stated: check_parameter(stated, param)
+        )[0]
     with interruptible() as interrupted:
         records = families.continuation_records(
             start, param, to, lower=lower, upper=upper, max_points=max_points, max_seconds=max_seconds,
@@ -354,12 +357,13 @@ def basin(
     gait of the K-th attractor; RUN is then the folder that basin prints.
     """
     from gaitopt.api import families
+    from gaitopt.runs.basin import check_keys
     from gaitopt.show.tables import print_basin
     from gaitopt.simulation.engine import INSTALL, choose_engine, is_installed
 
     ranges, tiles = options.grid(over), options.floor(floor, random, seed, steps)
     choose_engine(engine)
-    gait, folder, fresh = gait_of(run, changes, output, terminal)
+    gait, folder, fresh = gait_of(run, changes, output, terminal, check=lambda problem: check_keys(problem, ranges))
     if fresh and not gait.converged:
         terminal.say(f"{gait.problem.name} is {gait.status}; the grid is centred on its guess")
     if engine == Engine.AUTO and not is_installed():

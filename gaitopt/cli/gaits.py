@@ -14,6 +14,7 @@ from gaitopt.requests import (
     INTERVALS,
     IPOPT_ITERATIONS,
     NEWTON_STEPS,
+    Engine,
     FindRequest,
     FloorRequest,
     Method,
@@ -210,11 +211,12 @@ def verify(
     -o stores its gait with the new verification in another folder.
     """
     from gaitopt.api import verbs
+    from gaitopt.design.neighbourhood import check_design
     from gaitopt.simulation.engine import choose_engine
 
     choose_engine(engine)
     with shown_result(lambda gait: report(gait, None, terminal)):
-        gait, folder, fresh = known_gait(run, changes, output, terminal)
+        gait, folder, fresh = known_gait(run, changes, output, terminal, check=check_design if optimum else None)
     if not fresh or engine != "auto" or tolerance != AGREEMENT:
         terminal.say("verifying by forward simulation")
         gait = gait.verified(verbs.verify(gait, engine=engine, tolerance=tolerance).to_record())
@@ -267,16 +269,20 @@ def robustness(
     stored; repeat the command to resume.
     """
     from gaitopt.api import families
+    from gaitopt.runs.robustness import check_question
     from gaitopt.show.tables import print_robustness
 
-    gait, _, _ = known_gait(run, changes, None, terminal)
+    request = RobustnessRequest(
+        what=what, over=over, random=random, walks=walks, steps=steps, seed=seed, engine=Engine(engine)
+    )
+    gait, _, _ = known_gait(run, changes, None, terminal, check=lambda problem: check_question(problem, request))
     with (
         shown_result(lambda gait: report(gait, None, terminal)),
         terminal.working("figures") as (progress, interrupted),
     ):
         found = families.robustness(
-            gait, what=what, over=over, random=random, walks=walks, steps=steps, seed=seed, engine=engine,
-            workers=workers, scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,
+            gait, **request.arguments, workers=workers, scheduler=scheduler, output=output, progress=progress,
+            should_stop=interrupted,
         )  # fmt: skip
     record = {**found.to_record(), "run": str(found.folder)}
     terminal.show(record, lambda console, _: print_robustness(console, found), "run")
@@ -302,11 +308,12 @@ def stabilise(
     other commands take it.
     """
     from gaitopt.api import stored, verbs
+    from gaitopt.search.stabilise import check_phase
     from gaitopt.show.tables import print_stabilised
 
     if output is not None:
         stored.check_problem_file(output)
-    gait, _, _ = known_gait(run, changes, None, terminal)
+    gait, _, _ = known_gait(run, changes, None, terminal, check=lambda problem: check_phase(problem, phase))
     with interruptible() as interrupted:
         made = verbs.stabilise(
             gait, law=law, phase=phase, degree=degree, radius=radius, output=output, progress=terminal.say,
@@ -491,10 +498,10 @@ def replay(
     each time step. The result is stored in the run folder; `report` draws the motion of the engine over the gait's.
     """
     from gaitopt.api import stored, verbs
-    from gaitopt.engines.replay import adapter
+    from gaitopt.engines.replay import adapter, named_settings
     from gaitopt.show.tables import print_replay
 
-    adapter(engine)
+    named_settings(adapter(engine), setting)
     gait, folder, _ = known_gait(run, changes, output, terminal)
     folder = output or folder
     with terminal.working(f"runs of {engine}") as (progress, interrupted):

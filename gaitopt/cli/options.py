@@ -4,7 +4,7 @@ Angles may have the unit deg or rad.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -161,14 +161,35 @@ def counts(texts: Texts) -> dict[str, int]:
     return numbers
 
 
-def option(request: type[Request], name: str, flag: str = "", *, metavar: str | None = None) -> Any:
-    """The option for a field of a request, with help, bounds and choices; its name is ``flag`` or that of the field."""
+def scheduler_address(text: str | None) -> str | None:
+    """The address of a scheduler; an invalid one is refused before any work."""
+    if text is not None:
+        from gaitopt.workers.cluster import check_address
+
+        check_address(text)
+    return text
+
+
+def option(
+    request: type[Request],
+    name: str,
+    flag: str = "",
+    *,
+    metavar: str | None = None,
+    check: Callable[..., Any] | None = None,
+) -> Any:
+    """The option for a field of a request, with help, bounds and choices; its name is ``flag`` or that of the field.
+
+    Parameters
+    ----------
+    check : called with the value of a text, and returns it or raises an error.
+    """
     field = entries(request)[name]
     return typer.Option(
         flag or f"--{name.replace('_', '-')}",
         metavar=metavar or "|".join(field.choices) or None,
         parser=(number if metavar else field.read) if field.is_number else None,
-        callback=field.checked if field.is_number or field.choices else None,
+        callback=field.checked if field.is_number or field.choices or field.about.words else check,
         help=" ".join(filter(None, (field.about.help, field.about.span and f"[{field.about.span}]"))),
         show_default=field.default is not None,
     )
@@ -203,7 +224,7 @@ EngineOption = Annotated[str, option(SimulateRequest, "engine")]
 MethodOption = Annotated[str, option(SolveRequest, "method")]
 GuessOption = Annotated[bool, option(SweepRequest, "from_guess")]
 WorkersOption = Annotated[int | None, option(WorkersRequest, "workers")]
-SchedulerOption = Annotated[str | None, option(WorkersRequest, "scheduler", metavar="ADDRESS")]
+SchedulerOption = Annotated[str | None, option(WorkersRequest, "scheduler", metavar="ADDRESS", check=scheduler_address)]
 SamplesOption = Annotated[int, option(FindRequest, "starts")]
 SecondsOption = Annotated[float | None, option(FindRequest, "seconds")]
 SeedOption = Annotated[int, option(FindRequest, "seed")]

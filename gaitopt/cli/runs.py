@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem
     from gaitopt.runs.multistart import Optimum
 
+    Check = Callable[[Problem], object] | None
 
 PROBLEM_SUFFIXES = (".yaml", ".yml")
 
@@ -83,15 +84,28 @@ def stored_gait(run: str, changes: list[str] | None) -> "Gait":
 
 
 def gait_of(
-    run: str, changes: list[str] | None, output: Path | None, terminal: Terminal, *, keep: bool = True
+    run: str,
+    changes: list[str] | None,
+    output: Path | None,
+    terminal: Terminal,
+    *,
+    keep: bool = True,
+    check: "Check" = None,
 ) -> "tuple[Gait, Path, bool]":
-    """A gait, its run folder, and whether it was solved just now; a new gait is verified, and stored if ``keep``."""
+    """A gait, its run folder, and whether it was solved just now; a new gait is verified, and stored if ``keep``.
+
+    Parameters
+    ----------
+    check : called with the problem before its gait is solved; refuses other arguments that are wrong for it.
+    """
     from gaitopt.api import stored
     from gaitopt.store.run import Run
 
     if is_folder(run):
         return stored_gait(run, changes), Path(run), False
     problem = load(run, changes, terminal)
+    if check is not None:
+        check(problem)
     folder = Run.of(problem, output).folder
     gait = stored.stored_gait(problem, folder)
     if gait is not None:
@@ -101,17 +115,25 @@ def gait_of(
 
 
 def known_gait(
-    run: str, changes: list[str] | None, output: Path | None, terminal: Terminal, *, keep: bool = True
+    run: str,
+    changes: list[str] | None,
+    output: Path | None,
+    terminal: Terminal,
+    *,
+    keep: bool = True,
+    check: "Check" = None,
 ) -> "tuple[Gait, Path, bool]":
     """A gait and what ``gait_of`` says about it; a failed solve is reported, and ends the command."""
-    gait, folder, fresh = gait_of(run, changes, output, terminal, keep=keep)
+    gait, folder, fresh = gait_of(run, changes, output, terminal, keep=keep, check=check)
     if not gait.converged:
         raise typer.Exit(report(gait, None, terminal))
     return gait, folder, fresh
 
 
-def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Terminal) -> "tuple[list[Gait], list[Path]]":
-    """Gaits and their run folders; failed solves are reported.
+def gaits_of(
+    runs: "Sequence[str]", changes: list[str] | None, terminal: Terminal, check: "Check" = None
+) -> "tuple[list[Gait], list[Path]]":
+    """Gaits and their run folders, see ``gait_of``; failed solves are reported.
 
     A new gait is read back from its folder, where times are rounded sums, so that a repeated command writes the same
     figures to the last byte.
@@ -120,7 +142,7 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Termina
 
     gaits, folders = list["Gait"](), list[Path]()
     for run in runs:
-        gait, folder, fresh = gait_of(run, changes, None, terminal)
+        gait, folder, fresh = gait_of(run, changes, None, terminal, check=check)
         if not gait.converged:
             report(gait, None, terminal)
         elif fresh:

@@ -154,9 +154,9 @@ def plot(
     Branch: multipliers, or any scalar of the result, such as spectral_radius. Sweep: any scalar of the result; give
     the folder of the sweep. Front: front.
     """
-    from gaitopt.api.pictures import ANIMATION, save_figures
+    from gaitopt.api.pictures import save_figures
     from gaitopt.runs.results import PARTS, kind_of
-    from gaitopt.show.catalogue import figures_of, folder_figures
+    from gaitopt.show.catalogue import ANIMATION, check_gait_figures, figures_of, folder_figures
     from gaitopt.store.files import check_writable
 
     if output is not None:
@@ -166,11 +166,13 @@ def plot(
     if figures:
         target = output or (Path(COMPARISON) if not alone else folder if kind_of(folder) in PARTS else folder / FIGURES)
     else:
-        gaits, folders = gaits_of(runs, changes, terminal)
+        if not alone and {"methods", ANIMATION} & {*(what or ())}:
+            raise typer.BadParameter(f"--what methods and animation show one gait, not {len(runs)}")
+        gaits, folders = gaits_of(
+            runs, changes, terminal, lambda problem: check_gait_figures(problem, what or (), alone=alone)
+        )
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
-        if not alone and {"methods", ANIMATION} & {*(what or ())}:
-            raise typer.BadParameter(f"--what methods and animation show one gait, not {len(gaits)}")
         target = output or (folders[0] / FIGURES if alone else Path(COMPARISON))
         figures = [figures_of(gaits)]
     for drawn in figures:

@@ -78,6 +78,26 @@ class Neighbourhood:
         return self.feasible > 0 and self.gain <= SMALLEST_GAIN
 
 
+def check_design(problem: Problem) -> None:
+    """Refuse a problem whose gaits have no neighbours that could be better.
+
+    Raises
+    ------
+    SolveError
+        If the problem is a design over a range, or has no objective.
+    """
+    if problem.over is not None:
+        raise SolveError(
+            f"{problem.name}: a design over a range is no optimum at one value; verify it without neighbours"
+        )
+    if not problem.objective:
+        raise _no_optimum(problem)
+
+
+def _no_optimum(problem: Problem) -> SolveError:
+    return SolveError(f"{problem.name} is not an optimum: it needs freed parameters and an objective")
+
+
 def neighbourhood(
     gait: Gait,
     *,
@@ -102,12 +122,9 @@ def neighbourhood(
         If the gait is not a design.
     """
     problem = gait.problem.origin or gait.problem
-    if problem.over is not None:
-        raise SolveError(
-            f"{problem.name}: a design over a range is no optimum at one value; verify it without neighbours"
-        )
-    if not gait.steps or not gait.freed or not problem.objective:
-        raise SolveError(f"{gait.problem.name} is not an optimum: it needs freed parameters and an objective")
+    check_design(problem)
+    if not gait.steps or not gait.freed:
+        raise _no_optimum(problem)
     search, rng = _Search(gait), np.random.default_rng(seed)
     feasible, best, freed = 0, -np.inf, search.freed
     for number in range(directions):

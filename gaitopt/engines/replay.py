@@ -206,6 +206,25 @@ def adapter(engine: str | type[Simulator]) -> type[Simulator]:
     return found
 
 
+def named_settings(
+    simulator: type[Simulator], settings: str | Mapping[str, Mapping[str, Any]] | None
+) -> Mapping[str, Mapping[str, Any]]:
+    """The settings of an engine by name: all of its adapter, one of these by its name, or the given ones.
+
+    Raises
+    ------
+    UnknownNameError
+        If the adapter has no setting of this name.
+    """
+    known = simulator.settings
+    if not isinstance(settings, str):
+        return known if settings is None else settings
+    if settings not in known:
+        message = f"{settings!r}: {simulator.name} has no setting of this name; use {', '.join(known)}"
+        raise UnknownNameError(message).concerning("setting")
+    return {settings: known[settings]}
+
+
 def slip_paths(steps: Iterable[Step]) -> dict[str, float]:
     """Path of the stance foot, or of all contacts, forward and backward [m]."""
     arcs = [arc for step in steps for arc in step.arcs if arc.mode.slips]

@@ -47,7 +47,7 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import unit_of
 from gaitopt.requests import AtlasRequest, TraceRequest
-from gaitopt.runs.grid import Axis, Grid, at_point
+from gaitopt.runs.grid import Axis, Grid, at_point, check_parameters
 from gaitopt.runs.jobs import Plan, ResultFile
 from gaitopt.runs.trace import traced_family
 from gaitopt.search.solve import solve
@@ -253,12 +253,11 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
     def check(self) -> None:
         """Refuse an atlas that is not over two continuous parameters, or has an invalid corner."""
         Run(self.folder).check(self.problem)
-        parameters = self.problem.parameters
-        Grid(self.axes).check_keys(tuple(parameters), f"a parameter of {self.problem.name}")
+        check_parameters(self.problem, *self.axes)
         if self.problem.is_open or self.problem.is_design:
             raise ProblemError(f"{self.problem.name}: an atlas needs a problem with phases and no free parameters")
         for axis in self.axes:
-            if isinstance(parameters[axis.key], int):
+            if isinstance(self.problem.parameters[axis.key], int):
                 raise ArgumentError("over", f"{axis.key} is a whole number, along which there is no family")
         for first in (self.axes[0].lower, self.axes[0].upper):
             for second in (self.axes[1].lower, self.axes[1].upper):

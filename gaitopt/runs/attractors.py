@@ -26,7 +26,7 @@ from gaitopt.gait.records import AttractorsRecord, SettledRecord
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit, unit_of
 from gaitopt.requests import AttractorsRequest
-from gaitopt.runs.grid import Axis, Grid, at_point, check_room
+from gaitopt.runs.grid import Axis, at_point, check_parameters, check_room
 from gaitopt.runs.jobs import Plan, ResultFile, all_results
 from gaitopt.search.attractors import settled
 from gaitopt.search.candidates import family
@@ -146,7 +146,7 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
 
     def check(self) -> None:
         """Refuse an axis that is not over a parameter, an invalid value, or too many states."""
-        Grid((self.axis,)).check_keys(tuple(self.problem.parameters), f"a parameter of {self.problem.name}")
+        check_parameters(self.problem, self.axis)
         check_room(self.axis.count * self.keep, self.folder, disk=STATE_BYTES, memory=STATE_BYTES, what="states")
         _ = self.jobs
 

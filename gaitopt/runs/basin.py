@@ -8,7 +8,7 @@ interrupted run resumes.
 
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
 from io import BytesIO
@@ -29,7 +29,7 @@ from gaitopt.problem.floor import Floor
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit
 from gaitopt.requests import BasinRequest, Engine
-from gaitopt.runs.grid import Grid, check_room
+from gaitopt.runs.grid import Grid, check_known, check_room
 from gaitopt.runs.jobs import Plan, Stored
 from gaitopt.simulation.engine import choose_engine
 from gaitopt.simulation.ground import check_floor
@@ -350,6 +350,18 @@ STATE_BYTES_DISK = 48
 """Size of the compressed outcome of one state [bytes]."""
 
 
+def check_keys(problem: Problem, keys: Iterable[str]) -> None:
+    """Refuse keys of a grid that are not section coordinates; nothing is checked while these follow from open modes.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such coordinate.
+    """
+    if problem.section is not None:
+        check_known(keys, problem.map_section.names, "a coordinate just after an impact")
+
+
 @dataclass(frozen=True, kw_only=True)
 class BasinPlan(Plan[Basin], BasinRequest):
     """A basin to be computed.
@@ -393,7 +405,7 @@ class BasinPlan(Plan[Basin], BasinRequest):
 
     def check(self) -> None:
         """Refuse a grid that is not over section coordinates, an unknown engine, too many states, or a wrong floor."""
-        self.grid.check_keys(self.problem.map_section.names, "a coordinate just after an impact")
+        check_keys(self.problem, [axis.key for axis in self.grid.axes])
         _ = self.chosen_engine
         if self.floor is not None:
             check_floor(problem_dynamics(self.problem).system, self.floor)

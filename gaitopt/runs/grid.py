@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -163,11 +163,17 @@ class Grid:
         indices = np.unravel_index(numbers, self.shape)
         return np.column_stack([axis.values[index] for axis, index in zip(self.axes, indices, strict=True)])
 
-    def check_keys(self, known: Sequence[str], what: str) -> None:
-        """Refuse axes whose keys are not ``known``; ``what`` says in the message what a key has to be."""
-        unknown = [axis.key for axis in self.axes if axis.key not in known]
-        if unknown:
-            raise UnknownNameError(f"{unknown[0]}: not {what}{nearest_keys(unknown[0], known)}").concerning("over")
+
+def check_parameters(problem: Problem, *axes: Axis) -> None:
+    """Refuse axes whose keys are not parameters of a problem."""
+    check_known((axis.key for axis in axes), tuple(problem.parameters), f"a parameter of {problem.name}")
+
+
+def check_known(keys: Iterable[str], known: Sequence[str], what: str) -> None:
+    """Refuse keys of axes that are not ``known``; ``what`` says in the message what a key has to be."""
+    for key in keys:
+        if key not in known:
+            raise UnknownNameError(f"{key}: not {what}{nearest_keys(key, known)}").concerning("over")
 
 
 def at_point(problem: Problem, values: Mapping[str, float]) -> Problem:

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gaitopt.branches.request import Request
+from gaitopt.branches.request import Request, check_parameter
 from gaitopt.callbacks import Stop
 from gaitopt.display import Reported
-from gaitopt.errors import ArgumentError, SolveError
+from gaitopt.errors import SolveError
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Gait, require_converged, require_gait
 from gaitopt.gait.records import FigureRecord, RobustnessRecord
@@ -41,8 +41,6 @@ if TYPE_CHECKING:
 ROBUSTNESS_FILE = "robustness.json"
 FIGURES = ResultFile(name="figures.jsonl", key="job", model=FigureRecord)
 PUSH, FALLS, EIGENVALUE = "push", "falls", "eigenvalue"
-WHAT = ("range", "patch", PUSH, "sensitivity", FALLS)
-"""The groups of figures; the argument ``what`` names one or more of them."""
 WALKS_AT_ONCE = 500
 """Number of walks in one job that counts falls. Such a job takes a few seconds; a kill loses no more work than that."""
 SPREAD = 0.2
@@ -159,6 +157,21 @@ def read_robustness(place: Path) -> Robustness:
     return Robustness(problem=run.problem(), figures=figures, folder=place)
 
 
+def check_question(problem: Problem, request: RobustnessRequest) -> None:
+    """Refuse a parameter or a distribution that is wrong for a problem, before its gait is solved.
+
+    Raises
+    ------
+    UnknownNameError, ProblemError
+        See ``gaitopt.robustness``.
+    """
+    choose_engine(request.engine, steps=MANY_STEPS)
+    if request.over is not None and "range" in request.groups:
+        check_parameter(problem, request.over)
+    if request.random is not None:
+        RandomFloor.parse(request.random, request.seed)
+
+
 @dataclass(frozen=True, kw_only=True)
 class RobustnessPlan(Plan[Robustness], RobustnessRequest):
     """Figures to be computed.
@@ -177,21 +190,6 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
         return Run(self.folder, f"robustness-{key_of([job.key for job in self.jobs])[:8]}")
 
     @property
-    def groups(self) -> tuple[str, ...]:
-        """The groups of figures that are asked for.
-
-        Raises
-        ------
-        ArgumentError
-            If one is unknown.
-        """
-        asked = WHAT if self.what is None else tuple(word.strip() for word in self.what.split(",") if word.strip())
-        unknown = [word for word in asked if word not in WHAT]
-        if unknown or not asked:
-            raise ArgumentError("what", f"is {self.what!r}, but must be some of {', '.join(WHAT)}, with commas between")
-        return tuple(word for word in WHAT if word in asked)
-
-    @property
     def key(self) -> str:
         """The parameter of the interval."""
         return self.over or self.problem.friction_law.parameters[0]
@@ -207,13 +205,13 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
         """Refuse gaits that are not stable, and floors on which the walker cannot walk."""
         require_gait(self.gait, "robustness")
         require_converged(self.gait)
-        groups = self.groups
         if not self.gait.stable:
             radius = self.gait.scalar("spectral_radius")
             words = "so that no walk returns to it; `gaitopt stabilise` finds a law that walks it stably"
             error = SolveError(f"{self.problem.name} is unstable, its spectral radius is {radius:.6g}, {words}")
             error.result = replace(self.gait, message=str(error))
             raise error
+        groups = self.groups
         if "range" in groups:
             Request(parameter=self.key, to=(UNLIKELY,)).first_gait(self.gait)
         if {"patch", "sensitivity", FALLS} & {*groups}:

@@ -23,7 +23,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.requests import SweepRequest
-from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
+from gaitopt.runs.grid import Grid, at_point, check_jobs_fit, check_parameters
 from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, neighbour_job, problem_job, solve_all, solve_job, sweep_job
 from gaitopt.store.formats import (
     Table,
@@ -197,7 +197,7 @@ class SweepPlan(Plan[Sweep], SweepRequest):
     def check(self) -> None:
         """Refuse a sweep that is not over parameters, has an invalid point, or has too many points."""
         Run(self.folder).check(self.problem)
-        self.grid.check_keys(tuple(self.problem.parameters), f"a parameter of {self.problem.name}")
+        check_parameters(self.problem, *self.grid.axes)
         check_jobs_fit(self.grid.size, self.folder)
         _ = self.jobs
 

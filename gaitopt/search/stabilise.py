@@ -340,6 +340,26 @@ def _efforts(walker: WalkerType) -> dict[str, float]:
     return {name: effort for name, effort in efforts.items() if effort is not None}
 
 
+def check_phase(problem: Problem, phase: str | None, outputs: Sequence[str] | None = None) -> None:
+    """Refuse a phase that the walker of a problem does not have.
+
+    Parameters
+    ----------
+    outputs : joints that follow curves over the phase; by default those that motors track.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such phase; the message lists those that are no outputs.
+    """
+    walker = type(problem.walker)
+    phases = (*walker.phases, *walker.shape)
+    if phase not in (None, CLOCK, *phases):
+        known = [name for name in phases if name not in (walker.tracked if outputs is None else outputs)]
+        words = f"is no phase variable of the {walker.model}; it has {', '.join(known) or 'none'}"
+        raise ProblemError(f"{problem.name}: {phase!r} {words}")
+
+
 def _along_phase(
     gait: Gait, names: Sequence[str], motors: Sequence[str], stated: str | None, *, decoupled: bool = False
 ) -> tuple[list[Joints], str]:
@@ -356,9 +376,9 @@ def _along_phase(
     """
     name, walker = gait.problem.name, gait.system.walker
     known = [phase for phase in (*walker.phases, *walker.shape) if phase not in names]
-    if stated is not None and stated not in known:
-        words = "is an output itself" if stated in names else f"is no phase variable of the {walker.model}"
-        raise ProblemError(f"{name}: {stated!r} {words}; it has {', '.join(known) or 'none'}")
+    if stated in names:
+        raise ProblemError(f"{name}: {stated!r} is an output itself; it has {', '.join(known) or 'none'}")
+    check_phase(gait.problem, stated, names)
     rates, singular = list[str](), list[str]()
     for phase in known if stated is None else [stated]:
         joints = _of_steps(gait, names, motors, phase)

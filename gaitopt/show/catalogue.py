@@ -47,6 +47,8 @@ from gaitopt.verification.walk import Walk
 
 Record = Mapping[str, Any]
 
+ANIMATION = "animation"
+"""Name of the page of the moving walker, beside the names of figures."""
 PAGE = "html"
 """Format of an animation with controls."""
 DRAWN_AXES = 2
@@ -266,6 +268,26 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
         usual=(*(name for name in GAIT_FIGURES if name not in empty), *more),
         animation=(lambda extension: _animation(motion_of(first), first.problem.about, extension)) if alone else None,
     )
+
+
+def check_gait_figures(problem: Problem, names: Sequence[str], *, alone: bool) -> None:
+    """Refuse names that no figure of a gait of a problem has, before the gait is solved.
+
+    Parameters
+    ----------
+    alone : whether the gait is drawn alone, and not with others.
+    """
+    more = ((PHASE, problem.control.phase_variable), (RANGE, alone and problem.over is not None))
+    figures = *GAIT_FIGURES, *(name for name, exists in more if exists)
+    over = (f"{FORCE_OVER}{name}" for name in type(problem.walker).shape)
+    check_names(names, (*figures, *over, *((ANIMATION,) if alone else ())))
+
+
+def check_names(names: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse names that are not those of figures."""
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise UnknownNameError(f"{unknown[0]}: choose from {', '.join(known)}").concerning("what")
 
 
 def _phase_figures(motions: Sequence[Gait | Walk]) -> tuple[str, ...]:
