@@ -7,11 +7,14 @@ repeated call resumes. ``run_parallel`` calls a function of your own in several 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from uuid import uuid4
 
 from gaitopt.api.progress import CountProgress, ValueProgress, job_progress, shown, value_progress
 from gaitopt.api.verbs import Output, problem_from, solve
+from gaitopt.branches.continuation import follow_family
+from gaitopt.branches.request import Request
+from gaitopt.branches.trace import follow_curve, traced_start
 from gaitopt.callbacks import Stop
 from gaitopt.display import counted
 from gaitopt.errors import ArgumentError, ProblemError
@@ -21,20 +24,18 @@ from gaitopt.gait.trace import CurveStart, Trace, TracePoint, TraceSpecial, coll
 from gaitopt.problem.floor import Floor
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import BasinRequest, Engine, Method, RobustnessRequest, TraceRequest, choice
+from gaitopt.runs.atlas import Atlas, AtlasPlan
+from gaitopt.runs.attractors import Attractors, AttractorsPlan
+from gaitopt.runs.basin import Basin, BasinPlan
+from gaitopt.runs.branch import BranchPlan, restore_branch
+from gaitopt.runs.front import Front, FrontPlan
+from gaitopt.runs.grid import Grid, axis_of
+from gaitopt.runs.multistart import Optimum, StartsPlan
+from gaitopt.runs.robustness import Robustness, RobustnessPlan, check_question
+from gaitopt.runs.sweep import Sweep, SweepPlan
+from gaitopt.runs.trace import TracePlan, restore_trace
 from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Job, make_workers, run_jobs
-
-if TYPE_CHECKING:
-    from gaitopt.branches.request import Request
-    from gaitopt.runs.atlas import Atlas
-    from gaitopt.runs.attractors import Attractors
-    from gaitopt.runs.basin import Basin
-    from gaitopt.runs.front import Front
-    from gaitopt.runs.grid import Grid
-    from gaitopt.runs.multistart import Optimum
-    from gaitopt.runs.robustness import Robustness
-    from gaitopt.runs.sweep import Sweep
-
 
 Over = Mapping[str, tuple[float | str, float | str, int]]
 """Lower and upper end and number of values of each dotted key; angles may be texts such as ``"2 deg"``."""
@@ -95,9 +96,6 @@ def continuation(
     StorageError
         If the folder belongs to something else or cannot be written.
     """
-    from gaitopt.branches.continuation import follow_family
-    from gaitopt.branches.request import Request
-
     request = Request(
         parameter=parameter,
         to=(to,) if isinstance(to, int | float) else tuple(to),
@@ -116,8 +114,6 @@ def continuation(
                 points.append(point)
                 show(len(points), point.value)
             return collected(parameter, points)
-        from gaitopt.runs.branch import restore_branch
-
         records = _stored_records(start, request, None if output is True else output, should_stop)
         return restore_branch(_shown(records, lambda number, record: show(number, record["value"])))
 
@@ -165,8 +161,6 @@ def continuation_records(
     UnknownNameError, ProblemError, SolveError, StorageError, KeyboardInterrupt
         As ``continuation``.
     """
-    from gaitopt.branches.request import Request
-
     request = Request(
         parameter=parameter,
         to=(to,) if isinstance(to, int | float) else tuple(to),
@@ -181,10 +175,8 @@ def continuation_records(
 
 
 def _stored_records(
-    start: Gait | SpecialPoint, request: "Request", output: str | Path | None, should_stop: Stop
+    start: Gait | SpecialPoint, request: Request, output: str | Path | None, should_stop: Stop
 ) -> Iterator[dict[str, Any]]:
-    from gaitopt.runs.branch import BranchPlan
-
     if request.events:
         raise ProblemError("events are functions and cannot be stored; leave out events or output")
     request.first_gait(start)  # raises errors before a folder is made
@@ -249,8 +241,6 @@ def trace(
     ----------
     Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, ch. 9 and 10.
     """
-    from gaitopt.branches.trace import follow_curve
-
     request = TraceRequest(
         key=key,
         to=(to,) if isinstance(to, int | float) else tuple(to),
@@ -267,8 +257,6 @@ def trace(
                 found.append(point)
                 show(len(found), point.values[key])
             return collected_trace(special, key, found)
-        from gaitopt.runs.trace import restore_trace
-
         records = _kept_trace(special, request, None if output is True else output, should_stop)
         return restore_trace(_shown(records, lambda number, record: show(number, record["values"][key])))
 
@@ -317,9 +305,6 @@ def trace_records(
 def _kept_trace(
     special: SpecialPoint | CurveStart, request: TraceRequest, output: str | Path | None, should_stop: Stop
 ) -> Iterator[dict[str, Any]]:
-    from gaitopt.branches.trace import traced_start
-    from gaitopt.runs.trace import TracePlan
-
     start = traced_start(special, request)  # raises what is wrong before a folder is written
     folder = None if output is None else Path(output)
     return TracePlan(problem=start.gait.problem, request=request, start=start, output=folder).records(
@@ -339,7 +324,7 @@ def sweep(
     output: str | Path | None = None,
     progress: CountProgress = True,
     should_stop: Stop = None,
-) -> "Sweep":
+) -> Sweep:
     """Solve and verify a problem on a grid of parameter values, each point as ``solve`` does.
 
     If the section has one coordinate (or two, with heyoka), a scan of the return map first rules out points without a
@@ -370,8 +355,6 @@ def sweep(
     StorageError
         If the folder cannot be written, or the grid does not fit.
     """
-    from gaitopt.runs.sweep import SweepPlan
-
     loaded, grid, processes = problem_from(problem), _grid(over), make_workers(workers, scheduler)
     folder = Run.of(loaded, output).folder
     plan = SweepPlan(
@@ -395,7 +378,7 @@ def attractors(
     output: str | Path | None = None,
     progress: CountProgress = True,
     should_stop: Stop = None,
-) -> "Attractors":
+) -> Attractors:
     """Find the attractors of walks at each value of a parameter: cycles, or motions that do not repeat.
 
     Each attractor has its largest Lyapunov exponent per step, which is positive for chaos. Walks start from the
@@ -417,8 +400,6 @@ def attractors(
     UnknownNameError, ProblemError, StorageError
         As for ``sweep``; ProblemError also if there is more than one key, or a number is below 1 (``keep``: 2).
     """
-    from gaitopt.runs.attractors import AttractorsPlan
-
     loaded, axis, processes = problem_from(problem), _grid(over).axis, make_workers(workers, scheduler)
     plan = AttractorsPlan(
         problem=loaded, axis=axis, starts=starts, transient=transient, keep=keep, seed=seed,
@@ -443,7 +424,7 @@ def robustness(
     output: str | Path | None = None,
     progress: CountProgress = True,
     should_stop: Stop = None,
-) -> "Robustness":
+) -> Robustness:
     """Measure how robust a stable gait is on an uncertain floor and against pushes.
 
     A walk *returns* if within 400 steps the state just after the impact is within 1e-6 of the gait's, in natural units.
@@ -484,8 +465,6 @@ def robustness(
     StorageError
         As for ``sweep``.
     """
-    from gaitopt.runs.robustness import RobustnessPlan, check_question
-
     request = RobustnessRequest(
         what=what, over=over, random=random, walks=walks, steps=steps, seed=seed, engine=choice(Engine, engine)
     )
@@ -513,7 +492,7 @@ def atlas(
     output: str | Path | None = None,
     progress: CountProgress = True,
     should_stop: Stop = None,
-) -> "Atlas":
+) -> Atlas:
     """Find where the gaits of a family exist, slip and are stable, over two parameters.
 
     Branches in the first parameter are computed at some values of the second, and their special points are traced over
@@ -544,9 +523,6 @@ def atlas(
     UnknownNameError, ProblemError, StorageError
         As for ``sweep``; ProblemError also if there are not two keys, or the problem has no phases or free parameters.
     """
-    from gaitopt.runs.atlas import AtlasPlan
-    from gaitopt.runs.grid import axis_of
-
     loaded, processes = problem_from(problem), make_workers(workers, scheduler)
     if len(over) != 2:
         raise ArgumentError("over", f"has {counted(len(over), 'key')}, but an atlas needs two parameters")
@@ -574,7 +550,7 @@ def basin(
     output: str | Path | None = None,
     progress: CountProgress = True,
     should_stop: Stop = None,
-) -> "Basin":
+) -> Basin:
     """Simulate a walk from every state of a grid until it settles on a gait or fails.
 
     Parameters
@@ -591,8 +567,6 @@ def basin(
     UnknownNameError, ProblemError, StorageError
         As for ``sweep``.
     """
-    from gaitopt.runs.basin import BasinPlan
-
     origin = start if isinstance(start, Gait) else problem_from(start)
     grid, processes = _grid(over), make_workers(workers, scheduler)
     folder = Run.of(origin.problem if isinstance(origin, Gait) else origin, output).folder
@@ -608,7 +582,7 @@ def front(
     output: str | Path | None = None,
     progress: CountProgress = True,
     should_stop: Stop = None,
-) -> "Front":
+) -> Front:
     """Solve a chain of designs over one key of a problem, in both directions, and mark the Pareto front.
 
     Parameters
@@ -624,8 +598,6 @@ def front(
     StorageError
         As for ``sweep``.
     """
-    from gaitopt.runs.front import FrontPlan
-
     loaded = problem_from(problem)
     plan = FrontPlan(problem=loaded, axis=_grid(over).axis, folder=Run.of(loaded, output).folder)
     with shown(progress, job_progress, "designs") as show:
@@ -643,7 +615,7 @@ def multistart(
     output: str | Path | None = None,
     progress: CountProgress = True,
     should_stop: Stop = None,
-) -> "list[Optimum]":
+) -> list[Optimum]:
     """Solve from the guess of a problem and ``starts - 1`` sampled ones; list distinct solutions, the best first.
 
     Parameters
@@ -660,8 +632,6 @@ def multistart(
     StorageError
         If the folder belongs to something else or cannot be written, or the starts do not fit.
     """
-    from gaitopt.runs.multistart import StartsPlan
-
     loaded, processes = problem_from(problem), make_workers(workers, scheduler)
     plan = StartsPlan(problem=loaded, starts=starts, seed=seed, spread=spread, folder=Run.of(loaded, output).folder)
     with shown(progress, job_progress, "starts") as show:
@@ -707,9 +677,7 @@ def _call(task: Callable[[Any], Any], argument: Any, *_: Any) -> Any:
     return task(argument)
 
 
-def _grid(over: Over) -> "Grid":
-    from gaitopt.runs.grid import Grid, axis_of
-
+def _grid(over: Over) -> Grid:
     try:
         return Grid(tuple(axis_of(key, *span) for key, span in over.items()))
     except (TypeError, ValueError) as error:

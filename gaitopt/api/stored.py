@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+from gaitopt.branches.request import motionless_gait
 from gaitopt.errors import GaitoptError, ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Attractor, Gait
@@ -15,6 +16,7 @@ from gaitopt.problem.source import SUFFIXES
 from gaitopt.problem.writing import problem_yaml
 from gaitopt.store.files import check_file, make_folder, write_whole
 from gaitopt.store.formats import json_file
+from gaitopt.store.gaits import branch_point, special_point
 from gaitopt.store.run import GAIT_FILE, GAIT_FILES, PROBLEM_FILES, Run
 from gaitopt.verification.walk import Walk, states_after_impacts
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from gaitopt.gait.records import BranchRecord
     from gaitopt.runs.results import Result
 
+Element = TypeVar("Element")
 SPECIAL, ATTRACTOR = "@special.", "@attractor."
 """Texts between a run folder and the number of a special point of its branch, or of an attractor of its basin."""
 BEST_FILE = "best.json"
@@ -266,19 +269,24 @@ def branch_records(run: str | Path, label: str = "") -> tuple[Problem, str, "lis
 
 def load_special_point(place: str) -> tuple[SpecialPoint, str]:
     """The special point ``RUN@special.K``, and the parameter of its branch."""
-    from gaitopt.branches.request import motionless_gait
-    from gaitopt.store.gaits import special_point
-
     run, _, index = place.rpartition(SPECIAL)
     problem, parameter, records = branch_records(run, f"{place}: ")
-    specials = {str(k): record for k, record in enumerate(r for r in records if r["record"] == "special")}
-    if index not in specials:
-        known = f"0 to {len(specials) - 1}" if specials else "none"
-        raise UnknownNameError(
-            f"{run} has no special point {shown(index)}: the special points of its branch are {known}, in the order "
-            "of the table"
-        )
-    return special_point(motionless_gait(problem, parameter), parameter, specials[index]), parameter
+    words = f"{run} has no special point {shown(index)}: the special points of its branch are"
+    special = _element([r for r in records if r["record"] == "special"], index, words, ", in the order of the table")
+    return special_point(motionless_gait(problem, parameter), parameter, special), parameter
+
+
+def _element(elements: Sequence[Element], index: str, words: str, more: str = "") -> Element:
+    """The element with an index, which counts from 0; the error consists of ``words``, the known indices and ``more``.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such element.
+    """
+    if index not in map(str, range(len(elements))):
+        raise UnknownNameError(f"{words} {f'0 to {len(elements) - 1}' if elements else 'none'}{more}")
+    return elements[int(index)]
 
 
 def load_curve_start(place: str) -> SpecialPoint | CurveStart:
@@ -299,11 +307,8 @@ def load_curve_start(place: str) -> SpecialPoint | CurveStart:
         raise UnknownNameError(f"{place} is not a special point: write RUN@special.K, from 0 in the order of the table")
     if kind_of(Path(run)) != "trace":
         return load_special_point(place)[0]
-    specials = restore_trace(Path(run)).specials
-    if index not in map(str, range(len(specials))):
-        known = f"0 to {len(specials) - 1}" if specials else "none"
-        raise UnknownNameError(f"{run} has no special point {shown(index)}: those of its trace are {known}")
-    special = specials[int(index)]
+    words = f"{run} has no special point {shown(index)}: those of its trace are"
+    special = _element(restore_trace(Path(run)).specials, index, words)
     if not special.next:
         raise ProblemError(f"{place}: no other curve begins at a special point of type {special.type}")
     return special.next[0]
@@ -311,9 +316,6 @@ def load_curve_start(place: str) -> SpecialPoint | CurveStart:
 
 def load_branch_point(place: str, label: str = "") -> BranchPoint:
     """The point ``RUN@BRANCH.INDEX`` of a branch; error messages begin with ``label``."""
-    from gaitopt.branches.request import motionless_gait
-    from gaitopt.store.gaits import branch_point
-
     run, _, number = place.rpartition("@")
     problem, parameter, records = branch_records(run, f"{label}{place}: ")
     points = {f"{r['branch']}.{r['index']}": r for r in records if r["record"] == "point"}
@@ -327,7 +329,8 @@ def load_branch_point(place: str, label: str = "") -> BranchPoint:
 
 def load_attractor(place: str) -> Attractor:
     """The attractor ``RUN@attractor.K`` of a basin."""
-    from gaitopt.runs.basin import stored_attractor
+    from gaitopt.runs.basin import read_basin
 
     run, _, index = place.rpartition(ATTRACTOR)
-    return stored_attractor(Path(run), index)
+    words = f"{Path(run)}@attractor.{index}: the attractors of this basin are"
+    return _element(read_basin(Path(run)).attractors, index, words)

@@ -25,7 +25,17 @@ from gaitopt.api.progress import (
     stage_progress,
     word_progress,
 )
-from gaitopt.api.stored import compared, is_element, problem_of_element, save, save_best_point, stored_gait
+from gaitopt.api.stored import (
+    check_problem_file,
+    compared,
+    is_element,
+    problem_of_element,
+    save,
+    save_best_point,
+    save_replays,
+    stored_gait,
+    write_problem_file,
+)
 from gaitopt.callbacks import Stop, TimeLimit
 from gaitopt.errors import ArgumentError, GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import SpecialPoint
@@ -52,6 +62,7 @@ from gaitopt.requests import (
     StabiliseRequest,
     choice,
 )
+from gaitopt.runs.grid import check_room
 from gaitopt.search import solve as single
 from gaitopt.search.find import Gaits, SearchPlan, search, with_open_modes
 from gaitopt.solver.program import NonlinearProgram
@@ -277,8 +288,6 @@ def simulate(
     StorageError
         If the steps do not fit into memory or on the disk, or the folder cannot be written.
     """
-    from gaitopt.runs.grid import check_room
-
     request = SimulateRequest(steps=steps, dense=dense, engine=choice(Engine, engine), longest_step=longest_step)
     if not isinstance(until, Until | None):
         raise ProblemError(f"until is {until!r}, but must be Until(time=SECONDS), Until(steps=N) or Until(events=N)")
@@ -398,7 +407,6 @@ def stabilise(
     ----------
     Westervelt, Grizzle & Koditschek (2003), IEEE TAC 48(1), section IV: invariance under the impact.
     """
-    from gaitopt.api.stored import check_problem_file, write_problem_file
     from gaitopt.search.stabilise import check_phase
     from gaitopt.search.stabilise import stabilise as find_law
 
@@ -682,7 +690,6 @@ def replay(
     StorageError
         If the folder cannot be written.
     """
-    from gaitopt.api.stored import save_replays
     from gaitopt.engines import replay as engines
 
     request = ReplayRequest(time_steps=None if time_steps is None else tuple(time_steps))

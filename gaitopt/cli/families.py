@@ -5,12 +5,14 @@ Results are stored as soon as they are computed; a repeated command resumes.
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import gaitopt as go
 from gaitopt.cli import options
-from gaitopt.cli.runs import gait_of, known_gait, load
+from gaitopt.cli.runs import gait_of, load
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
 from gaitopt.errors import UnknownNameError
 from gaitopt.requests import (
@@ -77,7 +79,7 @@ def continue_(
     than that of its branch, the gait at the special point is continued.
     Every point is stored as soon as it is found. Repeat the command to resume.
     """
-    from gaitopt.api import families, stored
+    from gaitopt.api import stored
     from gaitopt.branches.request import check_parameter
     from gaitopt.show.tables import print_branch
 
@@ -91,11 +93,11 @@ def continue_(
         start, _ = stored.load_special_point(problem)
         gait = start.gait
     else:
-        start = gait = known_gait(
-            problem, changes, None, terminal, keep=False, check=lambda stated: check_parameter(stated, param)
-        )[0]
+        check = partial(check_parameter, key=param)
+        gait, _, _ = gait_of(problem, changes, None, terminal, keep=False, required=True, check=check)
+        start = gait
     with interruptible() as interrupted:
-        records = families.continuation_records(
+        records = go.continuation_records(
             start, param, to, lower=lower, upper=upper, max_points=max_points, max_seconds=max_seconds,
             verify_every=verify_every, output=output, should_stop=interrupted, **levels,
         )  # fmt: skip
@@ -173,12 +175,12 @@ def trace(
     are located on the curve, with the normal form of its bifurcation and the curves that begin there.
     Every point is stored as soon as it is found. Repeat the command to resume.
     """
-    from gaitopt.api import families, stored
+    from gaitopt.api import stored
     from gaitopt.show.tables import print_trace
 
     start = stored.load_curve_start(run)
     with interruptible() as interrupted:
-        records = families.trace_records(
+        records = go.trace_records(
             start, param, to, lower=lower, upper=upper, max_points=max_points, max_seconds=max_seconds,
             verify_every=verify_every, output=output, should_stop=interrupted,
         )  # fmt: skip
@@ -202,15 +204,13 @@ def front(
     The values are solved upwards and downwards, each from the design at the previous value. The designs that no other
     design beats form the Pareto front. Every design is stored as soon as it is found. Repeat the command to resume.
     """
-    from gaitopt.api import families
-    from gaitopt.api.pictures import save_figures
     from gaitopt.gait.records import is_gait
     from gaitopt.show.tables import print_front
 
     ranges, loaded = options.grid(over), load(problem, changes, terminal)
     with terminal.working("designs") as (progress, interrupted):
-        designs = families.front(loaded, ranges, output=output, progress=progress, should_stop=interrupted)
-    figures = save_figures(designs, designs.file.parent) if designs.file is not None else []
+        designs = go.front(loaded, ranges, output=output, progress=progress, should_stop=interrupted)
+    figures = go.save_figures(designs, designs.file.parent) if designs.file is not None else []
     record = {**designs.to_record(), "file": str(designs.file), "figures": [str(figure) for figure in figures]}
     terminal.show(record, print_front, "file")
     gaits = [point.gait for point in designs if is_gait(point.gait)]
@@ -237,7 +237,6 @@ def sweep(
     Each point is solved as `solve --set` does. A point without a gait is recorded with its reason. Every result is
     stored as soon as it is found. Repeat the command to resume.
     """
-    from gaitopt.api import families
     from gaitopt.problem.scalars import SCALARS
     from gaitopt.runs.sweep import TABLE_FILE
     from gaitopt.show.tables import print_sweep
@@ -246,7 +245,7 @@ def sweep(
         raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")
     ranges, loaded = options.grid(over), load(problem, changes, terminal)
     with terminal.working("jobs") as (progress, interrupted):
-        swept = families.sweep(
+        swept = go.sweep(
             loaded, ranges, warm=warm, from_guess=from_guess, method=method, workers=workers, scheduler=scheduler,
             output=output, progress=progress, should_stop=interrupted,
         )  # fmt: skip
@@ -281,7 +280,6 @@ def atlas(
     Branches in the first parameter at some values of the second, and the curves of their special points, bound regions
     of one mode sequence and stability. A gait in each region is verified. Repeat the command to resume.
     """
-    from gaitopt.api import families
     from gaitopt.problem.scalars import SCALARS
     from gaitopt.show.tables import print_atlas
 
@@ -289,7 +287,7 @@ def atlas(
         raise UnknownNameError(f"--what {what}: no scalar of a gait; use {', '.join(SCALARS)}")
     spans, loaded = options.intervals(over), load(problem, changes, terminal)
     with terminal.working("branches and curves") as (progress, interrupted):
-        found = families.atlas(
+        found = go.atlas(
             loaded, spans, slices=slices, refinements=refinements, max_points=max_points, steps=steps, workers=workers,
             scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,
         )  # fmt: skip
@@ -318,12 +316,11 @@ def attractors(
     per step is positive. Finished values are stored; repeat the command to resume. `gaitopt plot FOLDER --over RUN`
     draws the diagram over a branch.
     """
-    from gaitopt.api import families
     from gaitopt.show.tables import print_attractors
 
     ranges, loaded = options.grid(over), load(problem, changes, terminal)
     with terminal.working("values") as (progress, interrupted):
-        result = families.attractors(
+        result = go.attractors(
             loaded, ranges, starts=starts, transient=transient, keep=keep, seed=seed, engine=engine, workers=workers,
             scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,
         )  # fmt: skip
@@ -356,20 +353,19 @@ def basin(
     gait of RUN. Finished tiles are stored; repeat the command to resume. `gaitopt solve RUN@attractor.K` solves the
     gait of the K-th attractor; RUN is then the folder that basin prints.
     """
-    from gaitopt.api import families
     from gaitopt.runs.basin import check_keys
     from gaitopt.show.tables import print_basin
     from gaitopt.simulation.engine import INSTALL, choose_engine, is_installed
 
     ranges, tiles = options.grid(over), options.floor(floor, random, seed, steps)
     choose_engine(engine)
-    gait, folder, fresh = gait_of(run, changes, output, terminal, check=lambda problem: check_keys(problem, ranges))
+    gait, folder, fresh = gait_of(run, changes, output, terminal, check=partial(check_keys, keys=ranges))
     if fresh and not gait.converged:
         terminal.say(f"{gait.problem.name} is {gait.status}; the grid is centred on its guess")
     if engine == Engine.AUTO and not is_installed():
         terminal.say(f"simulating on scipy; heyoka is several times as fast: {INSTALL}")
     with terminal.working("tiles") as (progress, interrupted):
-        result = families.basin(
+        result = go.basin(
             gait if gait.converged else gait.problem, ranges, steps=steps, engine=engine, floor=tiles,
             workers=workers, scheduler=scheduler, output=output or folder, progress=progress, should_stop=interrupted,
         )  # fmt: skip
@@ -380,11 +376,10 @@ def basin(
 
 def _drawn(result: "Sweep | Basin | Atlas", what: Sequence[str]) -> dict[str, list[str]]:
     """Draw an atlas, or a sweep or basin over few keys, into its folder; returns ``figures`` of its record."""
-    from gaitopt.api.pictures import save_figures
     from gaitopt.runs.atlas import Atlas
     from gaitopt.show.catalogue import DRAWN_AXES
 
     axes = result.axes if isinstance(result, Atlas) else result.grid.axes
     if result.folder is None or len(axes) > DRAWN_AXES:
         return {}
-    return {"figures": [str(path) for path in save_figures(result, result.folder, what)]}
+    return {"figures": [str(path) for path in go.save_figures(result, result.folder, what)]}

@@ -1,12 +1,14 @@
 """Commands about the gaits of one problem: ``solve``, ``simulate``, ``verify``, ``stabilise``, ``find``, ..."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import gaitopt as go
 from gaitopt.cli import options
-from gaitopt.cli.runs import gait_of, is_folder, known_gait, load, report, shown_result, solve_verified, stored_gait
+from gaitopt.cli.runs import gait_of, is_folder, load, report, shown_result, solve_verified, stored_gait
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.requests import (
@@ -78,7 +80,7 @@ def solve(
     With --starts the distinct solutions are listed and the best one is stored. The result of each start is stored in
     the run folder. Repeat the command to resume.
     """
-    from gaitopt.api import families, stored
+    from gaitopt.api import stored
     from gaitopt.show.tables import print_optima
     from gaitopt.store.run import Run
 
@@ -107,7 +109,7 @@ def solve(
         return report(gait, folder, terminal)
     with Run(folder).writing(loaded):
         with terminal.working("starts") as (progress, interrupted):
-            optima = families.multistart(
+            optima = go.multistart(
                 loaded, starts, seed=seed, spread=spread, workers=workers, scheduler=scheduler, output=folder,
                 progress=progress, should_stop=interrupted,
             )  # fmt: skip
@@ -170,8 +172,6 @@ def simulate(
     from the forces, and names the way in which the walk ends. With -o the walk is stored; `plot` and `report` then
     compare it with the gait of RUN, or of PROBLEM if it is solved.
     """
-    from gaitopt.api import verbs
-    from gaitopt.problem.statement import Until
     from gaitopt.show.tables import print_walk
 
     start = stored_gait(run, changes) if is_folder(run) else load(run, changes, terminal)
@@ -183,9 +183,9 @@ def simulate(
 
     until = None
     if time is not None or events is not None:
-        until, steps = Until(time=time, steps=steps, events=events), None
+        until, steps = go.Until(time=time, steps=steps, events=events), None
     with shown_result(show), interruptible() as interrupted:
-        walk = verbs.simulate(
+        walk = go.simulate(
             start, begin, steps, until=until, engine=engine, longest_step=longest_step,
             floor=options.floor(floor, random, seed, steps), compare=True,
             output=output or False, should_stop=interrupted,
@@ -210,23 +210,24 @@ def verify(
     The simulation does not know the mode sequence; it selects the modes from the forces. A finished RUN stays as it is;
     -o stores its gait with the new verification in another folder.
     """
-    from gaitopt.api import verbs
     from gaitopt.design.neighbourhood import check_design
     from gaitopt.simulation.engine import choose_engine
 
     choose_engine(engine)
     with shown_result(lambda gait: report(gait, None, terminal)):
-        gait, folder, fresh = known_gait(run, changes, output, terminal, check=check_design if optimum else None)
+        gait, folder, fresh = gait_of(
+            run, changes, output, terminal, required=True, check=check_design if optimum else None
+        )
     if not fresh or engine != "auto" or tolerance != AGREEMENT:
         terminal.say("verifying by forward simulation")
-        gait = gait.verified(verbs.verify(gait, engine=engine, tolerance=tolerance).to_record())
+        gait = gait.verified(go.verify(gait, engine=engine, tolerance=tolerance).to_record())
         if fresh or output is not None:
             folder = output or folder
             gait.save(folder)
     if not optimum:
         return report(gait, folder, terminal)
     with terminal.working("directions") as (progress, _):
-        searched = verbs.neighbourhood(gait, progress=progress)
+        searched = go.neighbourhood(gait, progress=progress)
     code = report(gait, folder, terminal, {"neighbourhood": searched.to_record()})
     if not terminal.json:
         terminal.results.print(searched.words)
@@ -239,11 +240,10 @@ def sensitivity(terminal: Terminal, run: options.RunArgument, changes: options.S
     The derivatives of state, period, step length, speed, costs, required friction, multipliers and spectral radius are
     exact. Where there is none, as at multiple multipliers, the table says why.
     """
-    from gaitopt.api import verbs
     from gaitopt.show.tables import print_derivatives
 
-    gait, _, _ = known_gait(run, changes, None, terminal)
-    terminal.show(verbs.sensitivity(gait).to_record(), print_derivatives)
+    gait, _, _ = gait_of(run, changes, None, terminal, required=True)
+    terminal.show(go.sensitivity(gait).to_record(), print_derivatives)
     return 0
 
 
@@ -268,19 +268,19 @@ def robustness(
     pushes, the gait sensitivity norm, and the mean number of steps to a fall on random tiles. Finished figures are
     stored; repeat the command to resume.
     """
-    from gaitopt.api import families
     from gaitopt.runs.robustness import check_question
     from gaitopt.show.tables import print_robustness
 
     request = RobustnessRequest(
         what=what, over=over, random=random, walks=walks, steps=steps, seed=seed, engine=Engine(engine)
     )
-    gait, _, _ = known_gait(run, changes, None, terminal, check=lambda problem: check_question(problem, request))
+    check = partial(check_question, request=request)
+    gait, _, _ = gait_of(run, changes, None, terminal, required=True, check=check)
     with (
         shown_result(lambda gait: report(gait, None, terminal)),
         terminal.working("figures") as (progress, interrupted),
     ):
-        found = families.robustness(
+        found = go.robustness(
             gait, **request.arguments, workers=workers, scheduler=scheduler, output=output, progress=progress,
             should_stop=interrupted,
         )  # fmt: skip
@@ -307,15 +307,16 @@ def stabilise(
     control: the joints track curves over the clock or a phase variable. -o writes the problem; `gaitopt solve` and all
     other commands take it.
     """
-    from gaitopt.api import stored, verbs
+    from gaitopt.api import stored
     from gaitopt.search.stabilise import check_phase
     from gaitopt.show.tables import print_stabilised
 
     if output is not None:
         stored.check_problem_file(output)
-    gait, _, _ = known_gait(run, changes, None, terminal, check=lambda problem: check_phase(problem, phase))
+    check = partial(check_phase, phase=phase)
+    gait, _, _ = gait_of(run, changes, None, terminal, required=True, check=check)
     with interruptible() as interrupted:
-        made = verbs.stabilise(
+        made = go.stabilise(
             gait, law=law, phase=phase, degree=degree, radius=radius, output=output, progress=terminal.say,
             should_stop=interrupted,
         )  # fmt: skip
@@ -348,7 +349,6 @@ def find(
     and listed once, stable ones first. Gaits are named on standard error as soon as they are found. Repeat the command
     to resume.
     """
-    from gaitopt.api import verbs
     from gaitopt.show.tables import print_gaits
     from gaitopt.store.run import Run
 
@@ -362,7 +362,7 @@ def find(
                 terminal.say(f"  found: {line}")
 
     with terminal.working("parts of the search") as (progress, interrupted):
-        gaits = verbs.find(
+        gaits = go.find(
             loaded, steps=steps, starts=starts, seed=seed, within=options.ranges(within), method=method,
             seconds=seconds, workers=workers, scheduler=scheduler, output=output or True, found=name, progress=progress,
             should_stop=interrupted,
@@ -386,7 +386,6 @@ def explain(
     The answer lists violated conditions, existing gaits, and the nearest parameter values with a gait. Each line is
     printed as soon as it is known: conditions and the end of the family at once, the rest after a search.
     """
-    from gaitopt.api import verbs
     from gaitopt.api.progress import stage_progress
     from gaitopt.show.tables import explanation_lines, print_explanation
 
@@ -399,7 +398,7 @@ def explain(
             printed.append(line)
 
     with interruptible() as interrupted, stage_progress(terminal.narration, f"explaining {loaded.name}") as progress:
-        explanation = verbs.explain(
+        explanation = go.explain(
             loaded, starts=starts, seed=seed, seconds=seconds, workers=workers, found=show,
             progress=lambda stage: progress(stage, 0, 0), parts=lambda done, total: progress("", done, total),
             should_stop=interrupted,
@@ -433,7 +432,7 @@ def prove(
     if check:
         if changes or output is not None:
             raise typer.BadParameter("--check reads a certificate and nothing else; leave out --set and -o")
-        return _report_proof(verbs.check_proof(run), Path(run), terminal)
+        return _report_proof(go.check_proof(run), Path(run), terminal)
     if stored.SPECIAL in run:
         if changes:
             raise typer.BadParameter("--set changes a problem, but this branch is finished; leave it out")
@@ -441,10 +440,10 @@ def prove(
     if width is not None:
         raise typer.BadParameter("--width applies to special points only, RUN@special.K")
     values, intervals = _intervals(changes)
-    gait, folder, _ = known_gait(run, values, output, terminal)
+    gait, folder, _ = gait_of(run, values, output, terminal, required=True)
     terminal.say(f"proving {gait.problem.name}; this takes ten seconds to some minutes")
     file = (output or folder) / verbs.CERTIFICATE_FILE
-    return _report_proof(verbs.prove(gait, intervals, output=file, progress=terminal.say), file, terminal)
+    return _report_proof(go.prove(gait, intervals, output=file, progress=terminal.say), file, terminal)
 
 
 def _prove_special(place: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
@@ -456,7 +455,7 @@ def _prove_special(place: str, width: float | None, output: Path | None, termina
     name = special.gait.problem.name if special.gait is not None else run
     terminal.say(f"proving {special.type} of {name} near {parameter} = {special.value:.9g}: some minutes")
     with shown_result(lambda gait: report(gait, None, terminal)):
-        proof = verbs.prove(special, parameter=parameter, width=width, output=file, progress=terminal.say)
+        proof = go.prove(special, parameter=parameter, width=width, output=file, progress=terminal.say)
     return _report_proof(proof, file, terminal)
 
 
@@ -497,15 +496,15 @@ def replay(
     The engine starts from the gait's state and simulates one cycle with each time step. A table lists the errors for
     each time step. The result is stored in the run folder; `report` draws the motion of the engine over the gait's.
     """
-    from gaitopt.api import stored, verbs
+    from gaitopt.api import stored
     from gaitopt.engines.replay import adapter, named_settings
     from gaitopt.show.tables import print_replay
 
     named_settings(adapter(engine), setting)
-    gait, folder, _ = known_gait(run, changes, output, terminal)
+    gait, folder, _ = gait_of(run, changes, output, terminal, required=True)
     folder = output or folder
     with terminal.working(f"runs of {engine}") as (progress, interrupted):
-        replays = verbs.replay(
+        replays = go.replay(
             gait, engine, settings=setting, time_steps=time_steps, output=folder, progress=progress,
             should_stop=interrupted,
         )  # fmt: skip

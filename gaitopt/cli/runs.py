@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+import gaitopt as go
 from gaitopt.cli.options import overrides
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal
 from gaitopt.errors import GaitoptError, UnknownNameError
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem
     from gaitopt.runs.multistart import Optimum
 
-    Check = Callable[[Problem], object] | None
 
 PROBLEM_SUFFIXES = (".yaml", ".yml")
 
@@ -32,9 +32,8 @@ def load(problem: str, changes: list[str] | None, terminal: Terminal | None = No
     Unusual values are warnings on the terminal.
     """
     from gaitopt.api.stored import is_element, problem_of_element
-    from gaitopt.problem.problem import load_problem
 
-    stated = problem_of_element(problem) if is_element(problem) else load_problem(problem)
+    stated = problem_of_element(problem) if is_element(problem) else go.load_problem(problem)
     changed = stated.replace(overrides(changes), label="--set ") if changes else stated
     if terminal is not None:
         options = [argument for text in changes or () for argument in ("--set", text)]
@@ -54,10 +53,9 @@ def is_folder(run: str) -> bool:
     """
     from gaitopt.api.stored import is_element
     from gaitopt.problem.faults import shown
-    from gaitopt.problem.source import problem_names
 
     path = Path(run)
-    if run in problem_names():
+    if run in go.problem_names():
         return False
     try:
         exists, is_dir = path.exists(), path.is_dir()
@@ -90,12 +88,15 @@ def gait_of(
     terminal: Terminal,
     *,
     keep: bool = True,
-    check: "Check" = None,
+    required: bool = False,
+    check: "Callable[[Problem], object] | None" = None,
 ) -> "tuple[Gait, Path, bool]":
-    """A gait, its run folder, and whether it was solved just now; a new gait is verified, and stored if ``keep``.
+    """A gait, its run folder, and whether it was solved just now.
 
     Parameters
     ----------
+    keep : whether a new gait, which is verified, is stored.
+    required : whether a failed solve is reported and ends the command.
     check : called with the problem before its gait is solved; refuses other arguments that are wrong for it.
     """
     from gaitopt.api import stored
@@ -111,27 +112,17 @@ def gait_of(
     if gait is not None:
         terminal.say(f"taken from {folder}")
         return gait, folder, False
-    return solve_verified(problem, terminal, folder if keep else False), folder, True
-
-
-def known_gait(
-    run: str,
-    changes: list[str] | None,
-    output: Path | None,
-    terminal: Terminal,
-    *,
-    keep: bool = True,
-    check: "Check" = None,
-) -> "tuple[Gait, Path, bool]":
-    """A gait and what ``gait_of`` says about it; a failed solve is reported, and ends the command."""
-    gait, folder, fresh = gait_of(run, changes, output, terminal, keep=keep, check=check)
-    if not gait.converged:
+    gait = solve_verified(problem, terminal, folder if keep else False)
+    if required and not gait.converged:
         raise typer.Exit(report(gait, None, terminal))
-    return gait, folder, fresh
+    return gait, folder, True
 
 
 def gaits_of(
-    runs: "Sequence[str]", changes: list[str] | None, terminal: Terminal, check: "Check" = None
+    runs: "Sequence[str]",
+    changes: list[str] | None,
+    terminal: Terminal,
+    check: "Callable[[Problem], object] | None" = None,
 ) -> "tuple[list[Gait], list[Path]]":
     """Gaits and their run folders, see ``gait_of``; failed solves are reported.
 
@@ -162,12 +153,11 @@ def solve_verified(
     limits: SearchLimits = DEFAULT_LIMITS,
 ) -> "Gait":
     """The verified gait of a problem or an attractor, stored as ``output`` says; or the failed solve."""
-    from gaitopt.api import verbs
     from gaitopt.gait.gait import Attractor
 
     name = question.problem.name if isinstance(question, Attractor) else question.name
     with terminal.solving(name) as (progress, interrupted):
-        gait = verbs.solve(
+        gait = go.solve(
             question, start=start, method=method, newton_steps=limits.newton_steps,
             ipopt_iterations=limits.ipopt_iterations, intervals=limits.intervals, output=output,
             progress=progress, should_stop=interrupted,
@@ -176,7 +166,7 @@ def solve_verified(
             terminal.say(_where_it_ended(output))
     if not gait.converged:
         return gait
-    return gait if gait.verification is not None else gait.verified(verbs.verify(gait).to_record())
+    return gait if gait.verification is not None else gait.verified(go.verify(gait).to_record())
 
 
 def report(gait: "Gait", folder: Path | None, terminal: Terminal, more: "Mapping[str, Any] | None" = None) -> int:

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+import gaitopt as go
 from gaitopt.cli import options
 from gaitopt.cli.runs import gaits_of, load
 from gaitopt.cli.terminal import NOT_A_GAIT, Terminal
@@ -22,10 +23,7 @@ def list_problems(terminal: Terminal) -> int:
 
     Period, radius and stability are shown for problems whose run is in results/, if the terminal is wide enough.
     """
-    from gaitopt.problem.problem import load_problem
-    from gaitopt.problem.source import problem_names
-
-    problems = [load_problem(name) for name in problem_names()]
+    problems = [go.load_problem(name) for name in go.problem_names()]
     if terminal.json:
         listed = [{"name": p.name, "walker": p.walker.model, "about": p.about} for p in problems]
         terminal.print_json({"problems": listed})
@@ -62,10 +60,8 @@ def show(
 
     loaded = load(problem, changes)
     if form is not None:
-        from gaitopt.show.robots import robot_description
-
         if form is not TextFormat.YAML:
-            text = robot_description(loaded.walker, "urdf" if form is TextFormat.URDF else "mjcf")
+            text = go.robot_description(loaded.walker, "urdf" if form is TextFormat.URDF else "mjcf")
         elif changes:
             raise typer.BadParameter("--format yaml prints the file as it is; leave out --set")
         else:
@@ -92,9 +88,7 @@ def validate(terminal: Terminal, problem: options.ProblemArgument, changes: opti
 
 def schema(terminal: Terminal) -> int:
     """Print the JSON schema of problem files, for editors."""
-    from gaitopt.problem.schema import problem_schema
-
-    terminal.print_json(problem_schema())
+    terminal.print_json(go.problem_schema())
     return 0
 
 
@@ -154,7 +148,6 @@ def plot(
     Branch: multipliers, or any scalar of the result, such as spectral_radius. Sweep: any scalar of the result; give
     the folder of the sweep. Front: front.
     """
-    from gaitopt.api.pictures import save_figures
     from gaitopt.runs.results import PARTS, kind_of
     from gaitopt.show.catalogue import ANIMATION, check_gait_figures, figures_of, folder_figures
     from gaitopt.store.files import check_writable
@@ -176,7 +169,7 @@ def plot(
         target = output or (folders[0] / FIGURES if alone else Path(COMPARISON))
         figures = [figures_of(gaits)]
     for drawn in figures:
-        terminal.print_paths(save_figures(drawn, target, what or (), formats or (Format.SVG, Format.PNG)))
+        terminal.print_paths(go.save_figures(drawn, target, what or (), formats or (Format.SVG, Format.PNG)))
     return 0
 
 
@@ -194,7 +187,7 @@ def report(
     The result is a gait, a walk, a branch, an atlas or robustness, or several gaits side by side. Several gaits are
     written to comparison.html in the working folder, or to the file given by -o.
     """
-    from gaitopt.api import pictures
+    from gaitopt.api.pictures import page_in
     from gaitopt.api.stored import stored_replays
     from gaitopt.store.files import check_writable
 
@@ -203,13 +196,13 @@ def report(
     if output is not None:
         check_writable(output)
     folder, alone = Path(runs[0]), len(runs) == 1
-    page = pictures.page_in(folder) if alone else None
+    page = page_in(folder) if alone else None
     if page is None:
         gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
         replays = stored_replays(folders[0]) if alone else []
-        page, folder = pictures.report(*gaits, replays=replays), folders[0]
+        page, folder = go.report(*gaits, replays=replays), folders[0]
     file = output or (folder / REPORT if alone else Path(COMPARISON_REPORT))
     check_writable(file)
     terminal.print_paths([page.save(file)])
@@ -236,10 +229,8 @@ def reproduce(
 
     Gaits and families are read from the run folders in results/, or computed on all cores and stored there.
     """
-    from gaitopt.paper.reproduction import reproduce as write
-
     with terminal.working("percent") as (progress, interrupted):
-        written = write(
+        written = go.reproduce(
             paper, only or (), output=output, narrate=terminal.say, progress=progress, should_stop=interrupted
         )
     terminal.print_paths(written)

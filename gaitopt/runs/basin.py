@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.callbacks import Stop, raise_if_stopped
 from gaitopt.display import Plotted
-from gaitopt.errors import SolveError, StorageError, UnknownNameError
+from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait.frames import data_set
 from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.gait.records import BasinRecord
@@ -292,15 +292,6 @@ def read_basin(place: Path) -> Basin:
     basin = assemble_basin(run, problem, grid, stored["base"], floor, freed)
     check_agrees(place / BASIN_FILE, stored, basin.to_record(), "the grid of tiles")
     return basin
-
-
-def stored_attractor(place: Path, index: str) -> Attractor:
-    """An attractor of the basin in a folder; ``index`` counts from 0 in the order of the table."""
-    attractors = read_basin(place).attractors
-    if index not in map(str, range(len(attractors))):
-        known = f"0 to {len(attractors) - 1}" if attractors else "none"
-        raise UnknownNameError(f"{place}@attractor.{index}: the attractors of this basin are {known}")
-    return attractors[int(index)]
 
 
 def assemble_basin(

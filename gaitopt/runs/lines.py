@@ -203,23 +203,18 @@ class LinesPlan(ABC, Generic[Start, Line]):
             raise StorageError(f"{self.folder} {words}").concerning("output")
         return records
 
-    def walk(self, start: Start, *, should_stop: Stop = None) -> tuple[list[Line], Iterator[Mapping[str, Any]]]:
-        """The stored records, and an iterator over new ones, which are on the disk before they are yielded.
-
-        The caller must hold the lock of the folder.
-        """
-        done = self.resumable(self.stored())
-        with self.run.begun(self.problem):
-            self.run.write({self.file.name: lines_text((self.head, *done))})
-        return done, self._new(start, done, should_stop)
-
     def records(self, start: Start, *, should_stop: Stop = None) -> Iterator[dict[str, Any]]:
-        """The request with ``folder`` and the number ``stored`` of records of earlier calls, then all records."""
+        """The request with ``folder`` and the number ``stored`` of records of earlier calls, then all records.
+
+        A new record is on the disk before it is yielded.
+        """
         with self.run.writing(self.problem):
-            stored, new = self.walk(start, should_stop=should_stop)
+            stored = self.resumable(self.stored())
+            with self.run.begun(self.problem):
+                self.run.write({self.file.name: lines_text((self.head, *stored))})
             yield {**self.head, "folder": str(self.folder), "stored": len(stored)}
             yield from map(dict, stored)
-            yield from map(dict, new)
+            yield from map(dict, self._new(start, stored, should_stop))
 
     def _new(self, start: Start, done: list[Line], should_stop: Stop) -> Iterator[Mapping[str, Any]]:
         try:
