@@ -62,14 +62,6 @@ def test_maximum_lies_between_the_points_or_at_an_end(function, start, at, heigh
     assert height is None or value == pytest.approx(height, abs=1e-13)
 
 
-def test_largest_of_several_maxima_is_taken() -> None:
-    s = curves.points(65)
-    values = np.cos(3 * np.pi * s) + 0.1 * s
-    at, height = curves.maximum(values)
-    assert at == pytest.approx(2 / 3, abs=2e-3)
-    assert height > np.max(values)
-
-
 def test_curve_of_two_points_is_a_line() -> None:
     line = np.array([-1.0, 3.0])
     assert curves.integral(line, 2.0) == pytest.approx(2.0)

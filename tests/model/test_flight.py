@@ -12,7 +12,6 @@ from scipy.integrate import solve_ivp
 
 import gaitopt as go
 from gaitopt import Mode
-from gaitopt.errors import ProblemError
 from gaitopt.model.walkers.slip_runner import SlipRunner
 from gaitopt.problem.statement import problem_data
 
@@ -176,18 +175,3 @@ def test_a_family_over_a_short_range_passes_the_slip_at_landing_too() -> None:
     landing, end = branch.specials
     assert landing.value == pytest.approx(1.52285888971, abs=1e-10)
     assert (landing.type, end.value) == ("mode_change", 1.515)
-
-
-@pytest.mark.parametrize(
-    ("name", "phases", "words"),
-    [
-        ("compass-passive-a", ["stick", "flight"], "has no flight"),
-        ("slip-run", ["stick"], "last phase of a step must be flight"),
-        ("slip-run", ["stick", "slip_forward", "flight"], "has no slip_forward"),
-        ("slip-run", ["stick", "flight", "stick"], "is a flight"),
-        ("hopper", ["stick", "flight"], "write {mode: stick, leg: free, thrust: off}"),
-    ],
-)
-def test_what_a_walker_cannot_do_is_refused_in_words(name: str, phases: list[str], words: str) -> None:
-    with pytest.raises(ProblemError, match=words):
-        go.load_problem(name).replace({"gait.phases": phases})

@@ -1,7 +1,5 @@
 """Friction as a part of its own: two coefficients and drag, in mechanics, NLP, simulator and continuation."""
 
-import json
-
 import numpy as np
 import pytest
 from foot_impacts import foot_impact
@@ -155,24 +153,6 @@ def test_friction_moves_both_coefficients_only_where_they_are_equal(gait):
         go.continuation(gait, "friction", 0.2)
 
 
-@pytest.mark.parametrize(
-    ("friction", "message"),
-    [
-        ("{static: 0.1, kinetic: 0.2}", "static = 0.1 is below kinetic = 0.2"),
-        ("{static: 0.1}", "friction.kinetic: is missing"),
-        ("{static: 0.1, kinetic: -1}", "friction.kinetic: -1 must be at least 0"),
-        ("{static: 0.1, kinetic: 0.1, dynamic: 0}", "unknown key; allowed: static, kinetic, viscous"),
-    ],
-)
-def test_wrong_coefficients_are_named_with_their_line(run, empty_folder, friction, message):
-    text = go.load_problem("compass-passive-a").text
-    (empty_folder / "wrong.yaml").write_text(text.replace("friction: 0.14", f"friction: {friction}"))
-    code, out, err = run("validate", "wrong.yaml")
-    assert (code, out) == (3, "")
-    assert "wrong.yaml:12" in err
-    assert message in " ".join(err.split())
-
-
 def test_a_free_coefficient_is_found(gait):
     free = {"friction.kinetic": {"free": [0.1, 0.14], "guess": 0.12}}
     period = {"constraints": {"period": gait.measures["period"] - 1e-4}}
@@ -180,16 +160,6 @@ def test_a_free_coefficient_is_found(gait):
     assert design.converged, design.message
     assert 0.1 < design.freed["friction.kinetic"] < 0.14
     assert design.measures["period"] == pytest.approx(gait.measures["period"] - 1e-4, abs=1e-9)
-
-
-def test_the_commands_know_both_coefficients(run, empty_folder):
-    name = "compass-passive-static-kinetic"
-    code, out, _ = run("solve", name, "--json")
-    assert code == 0
-    assert json.loads(out)["friction"] == {"static": 0.15, "kinetic": 0.12, "viscous": 0}
-    code, out, _ = run("show", name)
-    assert code == 0
-    assert "friction.static" in out
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Everything that is wrong with a problem file is said at once: place, key, what is wrong, what is allowed."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -97,6 +98,10 @@ def test_all_faults_of_a_file_come_at_once_in_the_order_of_their_lines():
         ("leg_mass: 4", "leg_mass:", "5:3 walker.leg_mass", "nothing (null) is not a number"),
         ("gravity: 9.8", "gravity: .nan", "8:3 walker.gravity", "nan is not a finite number"),
         ("gravity: 9.8", "gravity: 1e999", "8:3 walker.gravity", "inf is not a finite number"),
+        ("friction: 0.2", "friction: {static: 0.1, kinetic: 0.2}", "10:1 friction", "static = 0.1 is below kinetic = "),
+        ("friction: 0.2", "friction: {static: 0.1}", "10:1 friction.kinetic", "is missing (coefficient mu_k of a sli"),
+        ("friction: 0.2", "friction: {static: 1, kinetic: -1}", "10:23 friction.kinetic", "-1 must be at least 0"),
+        ("friction: 0.2", "friction: {static: 1, kinetic: 1, dynamic: 0}", "10:35 friction.dynamic", "unknown key;"),
         ("slope: 1 deg", "slope: 90 deg", "9:3 walker.slope", "'90 deg' must be at least -1.39626 and at most 1.39626"),
         ("slope: 1 deg", "slope: 1 grad", "9:3 walker.slope", "write an angle as a number in rad, or with its unit:"),
         ("compass_biped", "compas_biped", "3:3 walker.model", "no walker is called 'compas_biped'; did you mean"),
@@ -300,6 +305,29 @@ def test_a_fault_is_one_printable_line_whatever_the_file_says():
 def test_what_belongs_elsewhere_or_cannot_be_expressed_is_said(change, words):
     with pytest.raises(ProblemError, match=words):
         load_problem("compass-passive-a").replace(change)
+
+
+LOCKED = {"mode": "stick", "knee": "locked"}
+
+
+@pytest.mark.parametrize(
+    ("name", "phases", "words"),
+    [
+        ("compass-passive-a", ["stick", "flight"], "has no flight"),
+        ("slip-run", ["stick"], "last phase of a step must be flight"),
+        ("slip-run", ["stick", "slip_forward", "flight"], "has no slip_forward"),
+        ("slip-run", ["stick", "flight", "stick"], "is a flight"),
+        ("hopper", ["stick", "flight"], "write {mode: stick, leg: free, thrust: off}"),
+        ("kneed-passive", ["stick"], "{mode: stick, knee: free}"),
+        ("kneed-passive", [{"mode": "stick", "knee": "free"}], "all stops must lock before the foot comes down"),
+        ("kneed-passive", [LOCKED, {"mode": "stick", "knee": "free"}], "begins with all stops free"),
+        ("kneed-passive", [{"mode": "stick", "hip": "free"}], "no stop or switch of the kneed_walker"),
+        ("kneed-passive", [{"mode": "stick", "knee": "bent"}], "bent"),
+    ],
+)
+def test_phases_that_a_walker_cannot_have_are_refused(name, phases, words):
+    with pytest.raises(ProblemError, match=re.escape(words)):
+        load_problem(name).replace({"gait.phases": phases})
 
 
 def test_the_values_of_a_motor_are_listed_by_the_first_and_the_last():

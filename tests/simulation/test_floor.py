@@ -11,13 +11,12 @@ import gaitopt as go
 from gaitopt import Floor, load_run, simulate
 from gaitopt.gait import curves
 from gaitopt.gait.measures import observe
-from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import FOOT, SWING_FOOT
 from gaitopt.problem.floor import RandomFloor
-from gaitopt.simulation.ground import OnTiles, Tiles
-from gaitopt.simulation.simulator import Simulator
+from gaitopt.requests import Engine
+from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.return_map import ReturnMap
+from gaitopt.verification.tiled_walks import TiledWalks, floor_of
 
 TURNING = {"theta": 1, "theta1": 1, "theta2": -1}
 """How the absolute angles of a wheel and a compass change where the ground turns."""
@@ -95,27 +94,17 @@ def test_the_derivative_of_a_walk_over_tiles_is_that_of_differences():
 
 
 def test_walks_on_floors_of_their_own_in_a_batch_are_those_of_one():
-    heyoka_batch = pytest.importorskip("gaitopt.simulation.heyoka_batch", exc_type=ImportError)
-    from gaitopt.simulation.heyoka_stepper import HeyokaStepper
-
-    gait, steps = named("compass-passive-a"), 3
-    floors = [Floor.random("friction=0.13:0.16, height=normal(0, 5e-4), slope=-2e-3:2e-3", 5, walk=k) for k in range(6)]
-    walker = OnTiles(gait.dynamics, drops=False, uneven=True)
-    batch = heyoka_batch.BatchSimulator(Dynamics(walker.system, walker.parameters(0, {}, gait.state[None])[0]))
-    states = np.tile(gait.state, (len(floors), 1))
-
-    def tiles(n, base):
-        rows = [floor.tile(n) for floor in floors]
-        heights = [tile.height - floor.tile(base).height for tile, floor in zip(rows, floors, strict=True)]
-        friction, slope = np.array([tile.friction for tile in rows]), np.array([tile.slope for tile in rows])
-        return Tiles(friction=friction, height=np.array(heights), slope=slope)
-
-    for n in range(steps):
-        p = walker.parameters(n, {FOOT: tiles(n, n), SWING_FOOT: tiles(n + 1, n)}, states)
-        states = batch.step(states, p).states
-    for floor, state in zip(floors, states, strict=True):
-        walk = Simulator(gait.dynamics, HeyokaStepper, floor=floor).run(gait.state, steps=steps)
-        assert walk.final_state == pytest.approx(state, abs=1e-11)
+    pytest.importorskip("heyoka")
+    gait, rng = named("compass-passive-a"), np.random.default_rng(5)
+    ranges = {"friction": (0.13, 0.16), "height": (-5e-4, 5e-4), "slope": (-2e-3, 2e-3)}
+    floors = {name: rng.uniform(*limits, (6, 5)) for name, limits in ranges.items()}
+    walks = TiledWalks(gait.dynamics, np.tile(gait.state, (6, 1)), floors, Engine.HEYOKA)
+    for _ in range(3):
+        walks.step()
+    assert walks.walking.size == 6
+    for row, state in enumerate(walks.states):
+        alone = Simulator(gait.dynamics, stepper_class(Engine.HEYOKA), floor=floor_of(floors, row))
+        assert alone.run(gait.state, steps=3).final_state == pytest.approx(state, abs=1e-11)
 
 
 @pytest.mark.slow

@@ -87,14 +87,6 @@ def test_results_depend_neither_on_order_nor_on_number(mapped):
         np.testing.assert_array_equal(getattr(few, name), getattr(batch, name)[:11])
 
 
-def test_engines_map_alike(mapped):
-    problem, xi, batch = mapped
-    other = return_map(problem, xi[:40], engine="scipy")
-    for name in ("endings", "phases", "impacts"):
-        np.testing.assert_array_equal(getattr(other, name), getattr(batch, name)[:40])
-    np.testing.assert_allclose(other.states, batch.states[:40], rtol=0, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("name", "changes", "spread", "met"),
     [
