@@ -128,27 +128,39 @@ class Section:
             lift = stated_lift(self._walker)
             return buffered(lift)(_filled(xi, lift.size1_in(0)), p[: self._n_p])[0].copy()
         assert near is not None
-        z, step = near.copy(), buffered(self._step)
-        z[self.indices] = xi
-        for _ in range(NEWTON_STEPS):
-            (change,) = step(z, p[: self._n_p])
-            size = float(np.abs(change).max(initial=0.0))
-            if not np.isfinite(size):
-                break
-            if size < ROUNDING:  # a state of the section is not changed
-                return z
-            z[self._solved] -= change * min(1.0, LONGEST_CLOSING_STEP / size)
-            if size < CLOSED:  # one more step would be rounding: convergence is quadratic
-                return z
-        return np.full(z.size, np.nan)
+        step = buffered(self._step)
+        return self._solved_near(xi[None], near, lambda z: step(z[0], p[: self._n_p])[0][None])[0]
 
     def row_lift(self) -> Callable[[Array, Array, Array | None], Array]:
         """A function like ``lift`` for many states, (n, n_xi) to (n, n_z), which one thread at a time may call."""
         if self.stated:
             lift = RowMap(stated_lift(self._walker))
             return lambda xi, p, near: lift(_filled(xi, self.every_step.indices.size), p[: self._n_p])[0]
-        size = len(self._walker.state_names())
-        return lambda xi, p, near: np.array([self.lift(row, p, near) for row in xi]).reshape(len(xi), size)
+        step = RowMap(self._step)
+
+        def lift_near(xi: Array, p: Array, near: Array | None) -> Array:
+            assert near is not None
+            return self._solved_near(xi, near, lambda z: step(z, p[: self._n_p])[0])
+
+        return lift_near
+
+    def _solved_near(self, xi: Array, near: Array, step: Callable[[Array], Array]) -> Array:
+        """The states (n, n_z) of ``lift`` by Newton's method; ``step`` maps m states to the steps (m, n_solved)."""
+        z, rows = np.tile(near, (len(xi), 1)), np.arange(len(xi))
+        z[:, self.indices] = xi
+        for _ in range(NEWTON_STEPS):
+            change = step(z[rows])
+            size = np.abs(change).max(axis=1, initial=0.0)
+            moves = (size >= ROUNDING) & (size < np.inf)  # a state of the section is not changed
+            if not moves.all():
+                z[rows[~np.isfinite(size)]] = np.nan
+                rows, change, size = rows[moves], change[moves], size[moves]
+            z[rows[:, None], self._solved] -= change * np.minimum(1.0, LONGEST_CLOSING_STEP / size)[:, None]
+            rows = rows[size >= CLOSED]  # one more step would be rounding: convergence is quadratic
+            if not rows.size:
+                break
+        z[rows] = np.nan
+        return z
 
     def tangent(self, z: Array, p: Array) -> Array:
         """Derivative of ``lift`` at a state of the section, shape (n_z, n_xi)."""

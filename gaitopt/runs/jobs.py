@@ -28,6 +28,7 @@ from gaitopt.search.solve import solve
 from gaitopt.store.formats import damaged, validated
 from gaitopt.store.run import Run
 from gaitopt.verification.verify import verify
+from gaitopt.verification.walk import simulate
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers
 
 R = TypeVar("R", covariant=True)
@@ -249,13 +250,17 @@ def sweep_job(
         possible, starts = possible_gaits(problem)
         if not possible:
             return AttemptRecord(status="infeasible", message=NO_FIXED_POINT, start="scan")
+        starts = [] if problem.is_open else starts  # the search for the modes has its own starts
     record = solve_job(problem, None, should_stop, method=method)
     found = {_identity(record): record} if is_gait(record) else {}
     if is_gait(record) and starts:
         state = record["state"]
         starts.remove(min(starts, key=lambda start: max(abs(value - state[name]) for name, value in start.items())))
     for start in starts:
-        other = _from_state(problem, start, "scan", method)
+        steps = simulate(problem, start, len(problem.cycle.steps), dense=False).complete_steps
+        walked = [phase for step in steps for phase in step.phases]
+        is_like = [mode for mode, _ in walked] == [*problem.cycle.phases]
+        other = _from_state(problem, start, "scan", method, [length for _, length in walked] if is_like else None)
         if is_gait(other):
             found.setdefault(_identity(other), other)
     if not found:

@@ -362,7 +362,7 @@ def grown_box(plan: SearchPlan, dynamics: Dynamics, box: StartBox, gaits: Sequen
     """The next box of start states; ranges that the user has given, and boxes of designs, do not change."""
     if plan.problem.free or plan.problem.objective:
         return box
-    limits = natural_limits(plan.problem, dynamics)
+    limits = natural_limits(dynamics, dynamics.system.section(Mode.SLIP_FORWARD))
     lower, upper = box.lower / 2, box.upper / 2
     if gaits:
         around = box_around(plan.problem, dynamics, _section_states(gaits))

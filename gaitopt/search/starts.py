@@ -28,6 +28,8 @@ RATE_OF_FLIGHT = 2.0
 """Half width of rates for walkers that fly; it is larger because they land from some height."""
 FASTEST = 5.0
 """Largest rate and slip velocity in a growing box, in natural units; a running person reaches three."""
+REACH = 2.0
+"""Largest length of a shape coordinate, in natural units: two feet are at most two legs apart."""
 BOX_MARGIN, SMALLEST_BOX_MARGIN = 0.5, 5e-3
 """Distance between a box and the gaits inside, relative to their largest angle or rate; and its smallest value, in
 natural units."""
@@ -103,11 +105,14 @@ def box_around(problem: Problem, dynamics: Dynamics, states: Array) -> StartBox:
     return StartBox(names=names, lower=lower, upper=upper, default=False)
 
 
-def natural_limits(problem: Problem, dynamics: Dynamics) -> Array:
-    """Largest absolute value of every section coordinate in a growing box, shape (n_xi,)."""
-    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
-    n = len(type(problem.walker).section)
-    return units * np.repeat([problem.walker.largest_angle, FASTEST], [n, units.size - n])
+def natural_limits(dynamics: Dynamics, section: Section) -> Array:
+    """Largest absolute value of every coordinate of a section in a growing box, shape (n_xi,)."""
+    walker, lengths = dynamics.system.walker, {*dynamics.system.walker.lengths, "x", "y"}
+    limits = [
+        FASTEST if k >= dynamics.system.n_z // 2 else REACH if name in lengths else walker.largest_angle
+        for name, k in zip(section.names, section.indices.tolist(), strict=True)
+    ]
+    return dynamics.state_units[section.indices] * limits
 
 
 def box_samples(dynamics: Dynamics, box: StartBox, count: int, rng: np.random.Generator) -> Array:

@@ -35,9 +35,9 @@ from gaitopt.requests import Method
 from gaitopt.solver.arclength import ITERATIONS, Fixed, corrected, predictions
 from gaitopt.solver.assembly import search_record, solution_of, solved_gait
 from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, rejection_reason, status_without_gait, vanishing_phase
-from gaitopt.solver.newton import GaitEquations, Solution, polish, refine, solve_nearby
+from gaitopt.solver.newton import GaitEquations, Solution, polish, refine
 from gaitopt.solver.program import feasibility, solved
-from gaitopt.solver.rollout import rolled_again
+from gaitopt.solver.rollout import reordered
 
 MOST_EXTRAPOLATED = 5
 """Largest number of solutions from which the next one is extrapolated. With more, the rounding would be as large as the
@@ -155,21 +155,13 @@ def _next(here: _PathPoint, s: float, p_start: Array, p_end: Array) -> tuple[_Pa
     solved = solution.size <= RESIDUAL_TOLERANCE and solution.accurate
     if not (solved and np.abs(after - before).max() < LARGEST_STATE_CHANGE * np.abs(before).max()):
         return None, near.iterations
-    ordered = _in_order(solution)
+    ordered = reordered(solution)
     if ordered is None:
         return None, near.iterations
     solution = ordered
     history = ((s, solution.w), *(here.history if solution.equations is equations else ()))
     causes = rejection_reason(solution)
     return _PathPoint(s=s, solution=solution, causes=causes, history=history[:MOST_EXTRAPOLATED]), near.iterations
-
-
-def _in_order(solution: Solution) -> Solution | None:
-    """The same motion on a new mesh if a switch has passed or left a breakpoint of the control; None if it is lost."""
-    if solution.in_order:
-        return solution
-    ordered = solve_nearby(rolled_again(solution).on_mesh())
-    return refine(polish(ordered)) if ordered.converged and ordered.in_order else None
 
 
 def _loss(gait: _PathPoint, motion: _PathPoint, p_start: Array, p_end: Array) -> tuple[_PathPoint, _PathPoint]:
@@ -245,7 +237,7 @@ class Family:
         dynamics = Dynamics.of(self.gait.system, problem.parameters)
         with self._solving:
             refined, iterations = self._by_chords(dynamics.p)
-            refined = None if refined is None else _in_order(refined)
+            refined = None if refined is None else reordered(refined)
             causes = () if refined is None else rejection_reason(refined)
             status, message, method = Status.CONVERGED, "solved", Method.NEWTON
             if refined is None or causes:

@@ -30,6 +30,7 @@ from gaitopt.solver.assembly import solved_gait
 from gaitopt.solver.diagnosis import largest_residual, rejection_reason, status_without_gait
 from gaitopt.solver.ipopt import TOLERANCE, Block, Ipopt, Program
 from gaitopt.solver.newton import Solution, polish, refine
+from gaitopt.solver.rollout import reordered
 from gaitopt.solver.shooting import Label, MultipleShooting
 from gaitopt.threads import Uncompared, cached_property
 
@@ -371,6 +372,7 @@ def _ipopt(equations: MultipleShooting, n_rows: int, iterations: int, program: U
 def checked_gait(problem: Problem, solution: Solution, solver: Mapping[str, float | str]) -> Gait:
     """The gait at a solution: polished, refined until its integration error is small, and checked."""
     refined = refine(polish(solution))
+    refined = reordered(refined) or refined  # on a finer mesh, a switch may be on the other side of a breakpoint
     causes = rejection_reason(refined)
     if causes:
         return failed_gait(problem, solution, causes, solver, status_without_gait(causes))

@@ -34,7 +34,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.requests import INTERVALS
 from gaitopt.solver.interval import ORDER, shooting_step
 from gaitopt.solver.mesh import Mesh, mesh_of, nearest
-from gaitopt.solver.newton import MAX_INTERVALS, Solution
+from gaitopt.solver.newton import MAX_INTERVALS, Solution, polish, refine
 from gaitopt.solver.shooting import transcribe
 
 RTOL, ATOL = 1e-8, 1e-10
@@ -238,6 +238,18 @@ def rolled_again(solution: Solution) -> Rollout:
     cycle = cycle.with_timed({*cycle.timed} - {*misplaced})
     known = [None if phase in misplaced else length for phase, length in enumerate(durations.tolist())]
     return roll_out(equations.dynamics(solution.p, freed), cycle, nodes[:, 0], known)
+
+
+def reordered(refined: Solution) -> Solution | None:
+    """The same refined motion, its arcs cut anew if a switch has passed or left a breakpoint; None if it is lost.
+
+    Its first mesh is fine, because the error of a coarse one may move the switch back. A motion with a phase that has
+    vanished has no order, and is returned unchanged.
+    """
+    if not (refined.durations > 0).all() or refined.in_order:
+        return refined
+    again = refine(polish(rolled_again(refined).on_mesh(refined.equations.free, error=FINE_ERROR)))
+    return again if again.in_order else None
 
 
 @overflow_allowed()

@@ -121,6 +121,7 @@ class StepMap:
     names, indices : names of the section coordinates, and their indices in the state. If the modes are open, there is
         no section, and these are all states.
     is_stated : whether every step leads back to these coordinates, and they determine the state.
+    near : the state of the problem's guess, next to which states of the section are sought; None without a guess.
     """
 
     def __init__(self, dynamics: Dynamics, engine: Engine, problem: Problem, floor: Floor | None = None) -> None:
@@ -132,7 +133,7 @@ class StepMap:
             section = problem.map_section
             self.names, self.indices, self.is_stated = section.names, section.indices, section.stated
             self._lift = section.row_lift()
-        self._near = None if problem.start is None else np.array([problem.start.state[name] for name in names])
+        self.near = None if problem.start is None else np.array([problem.start.state[name] for name in names])
 
     def __call__(self, xi: Array, rows: Rows | None = None) -> StepOutcomes:
         """``Dynamics.steps_per_cycle`` steps from every state. See ``section_coordinates``."""
@@ -142,7 +143,7 @@ class StepMap:
 
     def lift(self, xi: Array) -> Array:
         """The whole states that have these section coordinates, shape (n, n_z)."""
-        return self._lift(xi, self.dynamics.p, self._near)
+        return self._lift(xi, self.dynamics.p, self.near)
 
     def closed(self, xi: Array) -> tuple[Callable[..., StepOutcomes], Array]:
         """A map of one step whose results are its arguments for the next step, and the first arguments from ``xi``.

@@ -126,7 +126,8 @@ def test_without_a_gait_the_box_is_halved():
 
 
 def test_a_box_ends_at_the_natural_limits(wheel):
-    limits, dynamics = natural_limits(wheel.problem, wheel[0].dynamics), wheel[0].dynamics
+    dynamics = wheel[0].dynamics
+    limits = natural_limits(dynamics, wheel.problem.map_section)
     assert (box_around(wheel.problem, dynamics, limits[None] * 0.9).upper > limits).all()
     fast = replace(wheel[0], steps=(replace(wheel[0].steps[0], arcs=(fast_arc(wheel[0], limits * 0.9),)),))
     box = grown_box(SearchPlan(problem=wheel.problem), dynamics, start_box(wheel.problem, dynamics, {}), [fast])

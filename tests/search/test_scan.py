@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+from named import named
 
 import gaitopt as go
+from gaitopt import Cycle
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.runs.sweep import SweepPlan
-from gaitopt.search.scan import _crossings, _may_vanish, possible_gaits, scanned
+from gaitopt.search.candidates import SearchJob, find_candidates
+from gaitopt.search.find import with_open_modes
+from gaitopt.search.scan import _may_vanish, _zeros, possible_gaits, scanned
 from gaitopt.search.solve import solve
 from gaitopt.workers.jobs import Workers
 
@@ -27,21 +31,90 @@ def test_a_plane_defect_vanishes_where_both_of_its_parts_do():
     assert not _may_vanish(np.stack([x - 0.2, 3 + y], axis=-1)).any()
 
 
-def test_crossings_are_interpolated():
+def test_zeros_are_those_of_the_interpolation_in_every_simplex():
     x = np.linspace(0, 1, 5)
-    assert list(_crossings(x, x - 0.3)) == pytest.approx([0.3])
+    (zero,) = _zeros(x[None], (x - 0.3)[:, None])
+    assert zero == pytest.approx([0.3])
+    axes = np.array([x, 2 * x - 1])
+    a, b = np.meshgrid(*axes, indexing="ij")
+    linear = np.stack([a + b - 0.4, a - 2 * b + 0.1], axis=-1)
+    (zero,) = _zeros(axes, linear)
+    assert zero == pytest.approx([0.7 / 3, 0.5 / 3])
+    (corner,) = _zeros(axes, np.stack([a - 0.5, b], axis=-1))  # a sample, which is a corner of six triangles
+    assert corner == pytest.approx([0.5, 0.0], abs=1e-12)
+    assert not [*_zeros(axes, np.where(a[..., None] > 0.3, linear, np.nan))]
 
 
-def test_the_gait_of_the_wheel_is_among_what_the_scan_finds():
-    """The wheel has one gait on 13 deg, and none at a friction that does not hold it."""
-    problem = go.load_problem("rimless-wheel-stick")
-    assert scanned(problem)
-    possible, starts = possible_gaits(problem)
+SCANNED = (
+    "crawler",
+    "hopper",
+    "rimless-wheel-slip",
+    "rimless-wheel-stick",
+    "slip-run",
+    "slip-walk",
+    "slip-walk-stable",
+)
+
+
+def test_every_section_of_one_or_two_coordinates_is_scanned():
+    """All others have more coordinates than a grid can cover, or belong to a design."""
+    for name in go.problem_names():
+        problem = go.load_problem(name)
+        assert scanned(problem) == (len(problem.section_names) <= 2 and not problem.is_design) == (name in SCANNED)
+    assert scanned(go.load_problem("slip-run").replace({"gait.phases": "auto"}))
+    assert not scanned(go.load_problem("crawler").replace({"gait": {"phases": "auto", "section": "clock"}}))
+
+
+@pytest.mark.parametrize("name", SCANNED)
+def test_the_known_gait_is_among_what_the_scan_finds(name):
+    gait = named(name)
+    section, (possible, starts) = gait.problem.section, possible_gaits(gait.problem)
     assert possible
-    rate = solve(problem).to_record()["state"]["dtheta"]
-    assert min(abs(start["dtheta"] - rate) for start in starts) < 0.02
-    assert not scanned(go.load_problem("compass-passive-a"))  # a section of three coordinates
-    assert not scanned(go.load_problem("slip-run").replace({"gait.phases": "auto"}))
+    place, unit = gait.state[section.indices], gait.dynamics.state_units[section.indices]
+    found = [np.array([start[key] for key in section.names]) for start in starts]
+    assert min(np.abs((other - place) / unit).max() for other in found) < 0.02
+
+
+def test_a_scan_of_open_modes_includes_slipping_impacts_and_cycles_of_two_steps():
+    gait = named("rimless-wheel-slip")
+    for steps in (1, 2):
+        problem = gait.problem.replace({"gait": {"phases": "auto", "steps": steps}})
+        possible, starts = possible_gaits(problem)
+        assert possible
+        rate = gait.to_record()["state"]["dtheta"]
+        assert min(abs(start["dtheta"] - rate) + abs(start["dx"]) for start in starts) < 0.1
+
+
+CHANGES = {
+    "crawler": {
+        "walker.stiffness": 0.7, "walker.damping": 0.7, "walker.rest": 0.5, "walker.slope": 0.7,
+        "walker.front_mass": 0.5, "friction.rear": 0.5, "friction.front": 0.5,
+    },
+    "slip-walk": {"walker.stiffness": 0.4, "walker.attack": 0.15, "walker.energy": 0.15},
+}  # fmt: skip
+"""Largest change of the logarithm of a parameter."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CHANGES)
+def test_no_gait_is_ruled_out_at_200_random_parameters(name):
+    """Where a scan finds no gait, the walks of ``find`` lead to none with this section either."""
+    original, rng, ruled_out = go.load_problem(name), np.random.default_rng(1), 0
+    for number in range(200):
+        changed = {
+            key: original.parameters[key] * np.exp(rng.uniform(-most, most)) for key, most in CHANGES[name].items()
+        }
+        try:
+            problem = original.replace(changed).from_guess()
+        except go.ProblemError:  # no state of the section has the coordinates of the guess
+            continue
+        if possible_gaits(problem)[0]:
+            continue
+        ruled_out += 1
+        job = SearchJob(problem=with_open_modes(problem), method="simulation", number=0, seed=number, within={})
+        cycles = [Cycle.from_record(candidate) for candidate in find_candidates(job)["candidates"]]
+        assert not any(problem.section.holds(cycle.phases[-1], cycle.impact) for cycle in cycles), changed
+    assert ruled_out > 0
 
 
 def runner_sweep(folder, attacks, stiffnesses):

@@ -238,6 +238,8 @@ def test_pd_control_repeats_two_steps_that_differ(name):
     sizes = np.linalg.norm(ends, axis=1)
     assert sizes[-1] < 0.1 * sizes[0]
     assert made.gait.spectral_radius < given.spectral_radius
+    # the reference ends within 3e-9 s of the landing of the first step
+    assert go.solve(made.problem, method="ipopt", progress=False).period == pytest.approx(made.gait.period, rel=1e-9)
 
 
 TWO_STEPS = """

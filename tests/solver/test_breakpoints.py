@@ -1,5 +1,7 @@
 """Phases that end at a breakpoint of the control, where the torques jump: equations, searches and multipliers."""
 
+from dataclasses import replace
+
 import jumping
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.requests import Engine
 from gaitopt.solver.assembly import solution_of
 from gaitopt.solver.following import follow
+from gaitopt.solver.newton import polish
+from gaitopt.solver.program import checked_gait
 from gaitopt.solver.rollout import retraced, roll_out, rolled_again
 from gaitopt.solver.solve import solve_gait
 
@@ -62,6 +66,20 @@ def test_a_timed_phase_that_ends_elsewhere_is_noticed_and_moved():
     again = rolled_again(wrong)
     assert again.cycle.timed == ()
     assert again.durations[0] == pytest.approx(gait.phases[0][1], abs=1e-6)
+
+
+@pytest.mark.parametrize("beyond", [2e-9, -2e-9])
+def test_a_search_that_ends_on_the_wrong_side_of_a_breakpoint_has_the_gait_of_the_other_side(beyond):
+    """The landing is so close to the breakpoint that the error of a search decides which one comes first."""
+    whole = jumping.gait(0.2, "stick")
+    system = staircase((*PUSH, whole.period + beyond), -1, 12, -1, -1)
+    dynamics = replace(whole.dynamics, system=system)
+    searched = roll_out(dynamics, whole.cycle, whole.state, [whole.period + 50 * beyond]).on_mesh()
+    assert searched.in_order
+    assert not polish(searched).in_order
+    gait = checked_gait(whole.problem, searched, {})
+    assert gait.converged, gait.message
+    assert gait.period == pytest.approx(whole.period, abs=1e-11)
 
 
 @pytest.mark.parametrize(("friction", "first"), [(BEFORE, 0.595), (BEFORE, 0.6), (BEFORE, 0.61), (AFTER, 0.61)])
