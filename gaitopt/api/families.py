@@ -328,8 +328,9 @@ def sweep(
     """Solve and verify a problem on a grid of parameter values, each point as ``solve`` does.
 
     If the section has one coordinate (or two, with heyoka), whatever ends a cycle, a scan of the return map first rules
-    out points without a gait, and finds gaits that ``solve`` misses; ``gaits`` counts the gaits of a point. Points without a gait are tried
-    again from the gaits of their neighbours. ``start`` states what led to the gait: ``cold``, ``scan``, ``neighbour``.
+    out points without a gait, and finds gaits that ``solve`` misses; ``gaits`` counts the gaits of a point. Points
+    without a gait are tried again from the gaits of their neighbours. ``start`` states what led to the gait: ``cold``,
+    ``scan``, ``neighbour``.
 
     Finished points are stored in the run folder; repeat an interrupted call to resume.
 
