@@ -142,12 +142,13 @@ Invariant = Annotated[
     ),
 ]
 NOT_INVARIANT = "applies to virtual_constraints; under PD control joints leave their curves: leave it out"
+OF_END = (
+    "motion after the end of a reference in time: {}its last rate continues (linear), its last angle is held (hold), "
+    "or the motors are off (off)"
+)
 Continuation = Annotated[
     Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF] | None,
-    Field(
-        description="motion after the end of a reference in time: its last rate continues (linear), its last angle is "
-        "held (hold), or the motors are off (off)"
-    ),
+    Field(description=OF_END.format("")),
 ]
 Joints = Annotated[
     dict[str, Name] | None,
@@ -504,10 +505,7 @@ class GaitReference(Reference):
     span: Span = None
     beyond_end: Annotated[
         BeyondEnd | None,
-        Field(
-            description="motion after the end of a reference in time: that of the gait without an impact (flow), its "
-            "last rate continues (linear), its last angle is held (hold), or the motors are off (off)"
-        ),
+        Field(description=OF_END.format("that of the gait without an impact (flow), ")),
     ] = None
 
     @property
