@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from combined_walkers import FEET, NamedCompass, NamedUnequal
 from contact_walkers import passive
-from oracles import CASES, COMPASS, FRICTION, SLIPS, WHEEL, Case, compass_oracle, directional, numbers, state_for
+from oracles import CASES, COMPASS, FRICTION, SLIPS, Case, compass_oracle, directional, numbers, state_for
 
 from gaitopt import Mode
 from gaitopt.model.control import ConstantTorque
@@ -104,14 +104,3 @@ def test_margins_are_the_quantities_they_are_named_after(case: Case, mode: Mode)
             assert named["cone_backward"] == pytest.approx(FRICTION * f_n - f_t)
         else:
             assert named["slip_velocity"] == abs(z[-1])
-
-
-def test_touchdown_margin_is_minus_the_guard_and_zero_when_the_swing_foot_meets_the_ground(case: Case) -> None:
-    touching = np.full(case.n, 0.15) if case.n > 1 else np.array([np.pi / WHEEL["spokes"]])
-    z = np.concatenate([touching, [0.0], np.ones(case.n), [0.0]])
-    (margins,) = numbers(case.system.margins(Mode.STICK)(0, z, case.p, []))
-    assert margins[0] == pytest.approx(0, abs=1e-15)
-    assert case.oracle.swing_foot.position(case.coordinates(z)[0])[1] == pytest.approx(0, abs=1e-15)
-    z[0] += 0.01
-    (margins,) = numbers(case.system.margins(Mode.STICK)(0, z, case.p, []))
-    assert margins[0] < 0

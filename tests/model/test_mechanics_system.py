@@ -84,32 +84,11 @@ def test_derivatives_agree_with_central_differences(name: str, mode: Mode) -> No
         np.testing.assert_allclose(gradients, differences(evaluated(system.margins(mode)), z), rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_variational_flow_is_linear_in_the_deviations(mode: Mode) -> None:
-    case, system, p, r = systems()["tracking_compass"]
-    deviations = np.random.default_rng(7).normal(size=(6, 2))
-    for z in case.states(3):
-        z = state_for(mode, z)
-        (dy,) = numbers(system.variational(mode, 2)(0.2, np.concatenate([z, deviations.T.ravel()]), p, r))
-        (units,) = numbers(system.variational(mode, 6)(0.2, np.concatenate([z, np.eye(6).ravel()]), p, r))
-        A = units[6:].reshape(6, 6).T
-        np.testing.assert_allclose(dy[6:].reshape(2, 6).T, A @ deviations, rtol=1e-10, atol=1e-10)
-
-
 def test_lift_has_the_jacobian_of_its_central_differences() -> None:
     for case in CASES.values():
         xi = np.random.default_rng(3).normal(size=case.system.lift.size1_in(0))
         expected = differences(lambda xi, case=case: numbers(case.system.lift(xi, case.p))[0], xi)
         np.testing.assert_allclose(case.system.lift_jacobian(xi, case.p), expected, atol=1e-9)
-
-
-def test_parameters_are_named_by_dotted_keys_in_order() -> None:
-    system = CASES["compass_biped"].system
-    fields = tuple(f"walker.{name}" for name in CompassBiped.model_fields)
-    assert system.parameters == (*fields, "friction")
-    assert tracking_compass()[0].parameters == (*fields, "friction", "control.kp", "control.kd")
-    values = {name: float(k) for k, name in enumerate(system.parameters)}
-    np.testing.assert_array_equal(system.values(values), np.arange(len(values)))
 
 
 def matrices(case: Case, z: np.ndarray) -> SimpleNamespace:

@@ -74,12 +74,6 @@ def test_a_reference_and_a_table_travel_with_the_text() -> None:
         read_problem(ProblemText(text=source.text, files={**source.files, "other.csv": ""}))
 
 
-def test_texts_that_are_no_problem_are_refused() -> None:
-    for text in ("", "- 1\n", "name: x\n", "walker: [\n", "a: &b 1\nc: *b\n"):
-        with pytest.raises(ProblemError):
-            read_problem(ProblemText(text=text))
-
-
 def test_decimals_are_those_of_the_file_the_changes_or_the_double() -> None:
     problem = go.load_problem("compass-passive-a").replace({"friction": 0.12})
     exact = ExactValues(write_problem(problem))

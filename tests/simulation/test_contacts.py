@@ -131,16 +131,6 @@ def test_a_frame_at_rest_stays_as_long_as_some_split_of_its_forces_lies_in_both_
         assert first.touching == ("left", "right")
 
 
-def test_a_sliding_frame_tips_above_the_friction_of_its_proportions() -> None:
-    half, height = 0.3, 1.0
-    case = frame(half, height, inertia=3.0)
-    state = np.array([0.0, height, 0.0, 0.0, 0.0, 1.0])
-    slides = Simulator(case.dynamics(0.9 * half / height)).step(state).step.arcs[0].mode
-    assert words(slides) == ["left slip_forward", "right slip_forward"]
-    tips = Simulator(case.dynamics(1.1 * half / height)).step(state).step.arcs[0].mode
-    assert words(tips) == ["right slip_forward"]
-
-
 class Doubled(Frame):
     """A frame of which one foot is two contacts in one place."""
 

@@ -165,17 +165,6 @@ def test_events_agree_with_a_brute_force_integration(arc: int, margin: str) -> N
     assert found.y_events[0][0] == pytest.approx(expected.states[-1], abs=1e-11)
 
 
-def test_arcs_and_steps_join_without_a_gap() -> None:
-    trajectory = compass(0.14).run(COMPASS_START, 5)
-    for step in trajectory.steps:
-        assert step.arcs[0].start == 0
-        for first, second in zip(step.arcs, step.arcs[1:], strict=False):
-            assert first.end == second.start
-            assert np.array_equal(first.states[-1], second.states[0])
-    assert trajectory.section_states.shape == (6, 6)
-    assert np.all(trajectory.section_states[:, 2] == 0)
-
-
 # conservation laws along the arcs
 
 
