@@ -313,7 +313,7 @@ def _bound(reference: Reference, gait: Gait, problem: Problem) -> Reference:
     points = curve.points or {name: tuple(np.clip(row, -bound, bound).tolist()) for name, row in fitted.items()}
     if not phase:
         span, points = (0.0, curve.duration or period), {name: points[name] for name in followed}
-    return reference.with_curve(reference.through(points, span, phase))
+    return reference.with_points(points, span, phase)
 
 
 def _source(problem: Problem) -> Problem | None:

@@ -641,10 +641,10 @@ class CurveReference(Reference):
             words = "give a problem whose gait is the first guess, or the control points of the guess, points: {JOINT: "
             yield ("curve", "start"), f"is missing: {words}[0, 0.1, 0.2]}}"
 
-    def through(self, points: Mapping[str, tuple[float, ...]], span: tuple[float, float], phase: str) -> Curve:
-        """The curves of some control points, which are unknowns, over time [s] or a phase from ``span[0]`` on."""
+    def with_points(self, points: Mapping[str, tuple[float, ...]], span: tuple[float, float], phase: str) -> Self:
+        """The same reference with these control points, which are unknowns, over ``span``: times [s], or a phase."""
         bounds, end = _free_bounds(self._unknown(points)), None if phase else self.beyond_end
-        return bezier_curve(points, span, phase=phase, beyond_end=end, bounds=bounds)
+        return self.with_curve(bezier_curve(points, span, phase=phase, beyond_end=end, bounds=bounds))
 
     @property
     def given(self) -> Reference:

@@ -321,12 +321,12 @@ def _completed_reference(
                 raise NotProved(
                     f"the curves over {phase} take their span from another gait; state it: span: [START, END]"
                 )
-            return reference.with_curve(reference.through(zeros, (span[0], span[1]), phase))
+            return reference.with_points(zeros, (span[0], span[1]), phase)
         if duration is None:
             if not isinstance(data, DurationRecord):
                 raise ValueError("its curve takes as long as a step of another gait, but it states no duration")
             duration = data.duration
-        return reference.with_curve(reference.through(zeros, (0.0, duration), phase))
+        return reference.with_points(zeros, (0.0, duration), phase)
     if not isinstance(reference, GaitReference):
         return reference
     if law.phase_variable or reference.beyond_end is None:
