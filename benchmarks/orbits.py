@@ -31,7 +31,7 @@ from gaitopt.show.motion import resampled
 from gaitopt.show.orbits import orbit_record
 from gaitopt.show.style import MODE_WORDS, dashes, encoded, figure_style
 
-VERSION = "2.2.0"
+VERSION = "3.0.0"
 """Version of the set of orbits; a change of a number or a key changes it."""
 FOLDER = Path(__file__).parents[1] / "results" / "reference-orbits"
 POSTURES, SMOOTH = 8, 60
@@ -92,7 +92,7 @@ def write_orbit(name: str) -> None:
         walker = gait.problem.walker.model_copy(update=values)
         mjcf, urdf = (go.robot_description(walker, kind) for kind in ("mjcf", "urdf"))
         (FOLDER / f"{name}.urdf").write_text(urdf)
-        _, kinetic, _ = gait.system.friction_coefficients(gait.dynamics.p)
+        (_, kinetic, _), *_ = gait.system.contact_coefficients(gait.dynamics.p).values()
         (FOLDER / f"{name}.mjcf.xml").write_text(at_start(mjcf, record["tree"]["start"], float(kinetic)))
 
 

@@ -28,6 +28,7 @@ import casadi as ca
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from orbit_files import differing, written
 from own_laws import DampedCompass, HipDamper, MidCompass
 
 import gaitopt as go
@@ -44,6 +45,8 @@ PAGE, README, KEPT = ROOT / "docs" / "abilities.md", ROOT / "README.md", ROOT / 
 FEW: Mapping[str, Any] = {"workers": 1, "progress": False}
 NEAR = 1.001
 """Factor of the parameter in sweeps, families and designs."""
+SLIGHTLY = 1e-6
+"""Relative change of the gravity in an orbit file, with which the events are still near those of the file."""
 GRAVITY = "walker.gravity"
 SLIPPERY = 0.3
 """Factor of the friction that a gait needs: the gait is continued to it, and ``explain`` is asked why there is none."""
@@ -394,6 +397,14 @@ def _save(row: Row, folder: Path) -> None:
         assert loaded.measures[name] == (value if value is None else pytest.approx(value, rel=1e-9, abs=1e-12)), name
 
 
+def _orbit(row: Row, folder: Path) -> None:
+    data = written(gait_of(row))
+    assert differing(data) == []
+    gravity = next(entry for entry in data["statement"]["parameters"].values() if entry["key"] == GRAVITY)
+    gravity["value"] *= 1 + SLIGHTLY
+    assert "initial state" in differing(data)
+
+
 def _prove(row: Row, folder: Path) -> None:
     gait, certificate = gait_of(row), folder / "proof.json"
     proof = go.prove(gait, output=certificate, progress=False)
@@ -460,6 +471,12 @@ COLUMNS = (
     Column("figures", "every figure of `plot` is drawn", _figures),
     Column("save", "`load_run` reads the same problem, modes, state and scalars back", _save),
     Column(
+        "orbit",
+        "`recompute.py` of the [reference orbits](reference-orbits.md), which does not use gaitopt, finds all numbers "
+        "of the gait's orbit file again, and refutes its state at a slightly different gravity",
+        _orbit,
+    ),
+    Column(
         "prove",
         "`prove` proves all claims, and a simulated cycle has the proved period; `check_proof` proves the certificate "
         "again",
@@ -518,7 +535,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "continue, find, explain, sweep": ("continue", "find", "explain", "sweep"),
     "design": ("design", "front"),
     "settle": ("basin, SciPy", "basin, heyoka", "attractors"),
-    "plot, save": ("figures", "save"),
+    "plot, save": ("figures", "save", "orbit"),
     "prove": ("prove",),
     "replay": ("replay",),
 }

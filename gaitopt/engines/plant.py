@@ -19,6 +19,7 @@ step by landing are therefore off between two times of the step: when the lowest
 and when it is highest afterwards.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -198,7 +199,7 @@ class Reference:
         self.length, self.time = gait.dynamics.scales.length, gait.dynamics.scales.time
         self.starts = np.cumsum([0.0, *(step.period for step in gait.steps)])
         self._distances = np.cumsum([0.0, *(step.final_impact.step_length for step in gait.steps)])
-        self.windows = [(0.0, 0.0) if self.clock else _window(step) for step in gait.steps]
+        self.windows = [(0.0, 0.0) if self.clock else _window(step.arcs) for step in gait.steps]
         self.turn = 0.0
         ends = (self.coordinates(t)[0] for t in (np.nextafter(self.starts[1], 0.0), self.starts[1]))
         before, after = map(self.tree.angles, ends)
@@ -629,24 +630,39 @@ def _forces(gait: Gait) -> tuple[Array, Function | None]:
     return np.asarray(DM(eom.E[:n, :])), function
 
 
-def _window(step: Step) -> tuple[float, float]:
-    """Times since the impact at which the lowest contact of the swing foot is highest before it scuffs, and after."""
-    heights, times, walker = list[float](), list[float](), step.arcs[0].dynamics.system.walker
+def _window(arcs: Sequence[Arc]) -> tuple[float, float]:
+    """Times at which the lowest contact of the swing foot is highest before it scuffs, and after, in arcs of one swing.
+
+    If it is below the ground at the start or at the end of the arcs, the time is that one.
+    """
+    heights, times, walker = list[float](), list[float](), arcs[0].dynamics.system.walker
+    begin, duration = arcs[0].start, arcs[-1].end - arcs[0].start
     swing = [k for k, name in enumerate(walker.landing_points()) if name in walker.step_ends()]
     fine = np.linspace(-1, 1, SAMPLES_PER_ARC)
-    for arc in (arc for arc in step.arcs if not {*walker.step_ends()} & {*arc.mode.touching}):
+    for arc in (arc for arc in arcs if not {*walker.step_ends()} & {*arc.mode.touching}):
         points = buffered(arc.dynamics.system.contact_points)
         states = chebyshev.chebval(fine, curves.coefficients(arc.states)).T
         heights += [float(points(np.ascontiguousarray(z), arc.dynamics.p)[0][swing].min()) for z in states]
         times += (arc.start + (fine + 1) / 2 * arc.duration).tolist()
     h, t = np.array(heights), np.array(times)
-    inside = (t > STEP_END * step.period) & (t < (1 - STEP_END) * step.period)
+    inside = (t > begin + STEP_END * duration) & (t < begin + (1 - STEP_END) * duration)
     scuffs = np.flatnonzero(inside & (h <= 0))
     if not scuffs.size:
         highest = float(t[np.argmax(h)])
         return highest, highest
     before, after = h[: scuffs[0]], h[scuffs[-1] :]
-    return float(t[np.argmax(before)]), float(t[scuffs[-1] + np.argmax(after)])
+    first = begin if before.max() <= 0 else float(t[np.argmax(before)])
+    return first, begin + duration if after.max() <= 0 else float(t[scuffs[-1] + np.argmax(after)])
+
+
+def _swings(step: Step) -> list[list[Arc]]:
+    """The arcs of a step, divided where the feet swap roles within it."""
+    swings = [[step.arcs[0]]]
+    for arc in step.arcs[1:]:
+        if arc.struck is not None and arc.struck.swaps:
+            swings.append([])
+        swings[-1].append(arc)
+    return swings
 
 
 @building
@@ -655,8 +671,9 @@ def tree_record(gait: Gait) -> dict[str, Any] | None:
 
     Returns
     -------
-    record : ``start`` has position and rate of every joint of the MJCF file just after the impact;
-        ``swing_contact_off`` has, for each step, the times since the impact between which the swing foot may scuff.
+    record : ``start`` has position and rate of every joint of the MJCF file at the start of the cycle;
+        ``swing_contact_off`` has, for each step, the times since its start between which the swing foot may scuff; a
+        step in which feet swap roles has several such pairs.
     """
     walker = type(gait.problem.walker)
     if not has_links(walker):
@@ -670,14 +687,12 @@ def tree_record(gait: Gait) -> dict[str, Any] | None:
     placed = {"root_x": x, "root_z": z, "root_pitch": root.angle, **tree.joints}
     joints = vertcat(*placed.values())
     start = Function("start", [q, dq, fields], [joints, jtimes(joints, q, dq)])
-    state = np.asarray(gait.state)
-    position, rate = (
-        np.asarray(v).ravel().tolist()
-        for v in start([*state[: n + 1], 0], [*state[n + 1 :], 0], gait.dynamics.p[: fields.numel()])
-    )
+    state = dict(zip(gait.system.state_names, gait.state, strict=True))
+    at = ([state.get(f"{rate}{name}", 0.0) for name in names] for rate in ("", "d"))
+    position, rate = (np.asarray(v).ravel().tolist() for v in start(*at, gait.dynamics.p[: fields.numel()]))
     return {
         "start": {name: {"position": a, "rate": b} for name, a, b in zip(placed, position, rate, strict=True)},
-        "swing_contact_off": [list(_window(step)) for step in gait.steps],
+        "swing_contact_off": [list(_window(arcs)) for step in gait.steps for arcs in _swings(step)],
     }
 
 

@@ -14,18 +14,22 @@ from importlib.metadata import version
 from typing import Any
 
 import casadi as ca
+import numpy as np
 from casadi import SX, Function, cse, jacobian, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.building import building
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Gait, trajectory_header, trajectory_rows
+from gaitopt.gait.impacts import IMPULSES, impact_records
+from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import state_unit, unit_of
 
-FORMAT = "gaitopt-orbit-2"
+FORMAT = "gaitopt-orbit-3"
 POINT = ("position", "velocity")
 """Quantities of a contact in the orbit of a walker with several contacts."""
 MATRICES = ("M", "E", "swing_jacobian", "relabel_jacobian")
@@ -55,11 +59,35 @@ OPERATIONS: Mapping[int, str] = {
     ca.OP_ASIN: "asin({})",
     ca.OP_ACOS: "acos({})",
     ca.OP_ATAN: "atan({})",
+    ca.OP_SINH: "sinh({})",
+    ca.OP_COSH: "cosh({})",
     ca.OP_TANH: "tanh({})",
+    ca.OP_ASINH: "asinh({})",
+    ca.OP_ACOSH: "acosh({})",
+    ca.OP_ATANH: "atanh({})",
+    ca.OP_EXPM1: "expm1({})",
+    ca.OP_LOG1P: "log1p({})",
+    ca.OP_HYPOT: "hypot({}, {})",
+    ca.OP_ERF: "erf({})",
     ca.OP_FABS: "abs({})",
     ca.OP_FMAX: "max({}, {})",
+    ca.OP_FMIN: "min({}, {})",
+    ca.OP_SIGN: "sign({})",
+    ca.OP_FLOOR: "floor({})",
+    ca.OP_CEIL: "ceil({})",
+    ca.OP_FMOD: "fmod({}, {})",
+    ca.OP_COPYSIGN: "copysign({}, {})",
+    ca.OP_LT: "less({}, {})",
+    ca.OP_LE: "1 - less({1}, {0})",
+    ca.OP_EQ: "equal({}, {})",
+    ca.OP_NE: "1 - equal({}, {})",
+    ca.OP_NOT: "equal({}, 0)",
+    ca.OP_AND: "1 - equal({}*{}, 0)",
+    ca.OP_OR: "1 - equal({}, 0)*equal({}, 0)",
+    ca.OP_IF_ELSE_ZERO: "where({}, {})",
 }
-"""Operations as text. Operands are names, numbers, calls, or expressions in parentheses."""
+"""Operations as text. Operands are names, numbers, calls, or expressions in parentheses. ``less`` and ``equal`` are one
+or zero; ``where`` is its second argument if the first one is not zero, and zero otherwise."""
 CONVENTIONS = (
     "All numbers are in SI units, angles in radians. x is along the slope, downhill; y along its normal. Absolute "
     "angles count from the normal, positive towards downhill.",
@@ -72,7 +100,7 @@ CONVENTIONS = (
     "(S dq_plus)_n = 0. stick: (S dq_plus)_t = 0. slip: F_t = -s*kinetic*F_n, s the sign of (S dq_plus)_t; by the "
     "frictionless impact law F_t = 0.",
     "Then the feet swap roles: the new shape is `relabel`, its rates are `relabel_jacobian` times those of the old "
-    "shape, dx is (S dq_plus)_t, and x starts again from zero at the new stance foot. Time t counts from the impact.",
+    "shape, dx is (S dq_plus)_t, and x is the new stance foot, `swing_foot`.",
 )
 CONVENTIONS_OF_CONTACTS = (
     CONVENTIONS[0],
@@ -83,9 +111,23 @@ CONVENTIONS_OF_CONTACTS = (
     "v_t < 0, s = -1; f_t = -s*kinetic*f_n - viscous*v_t. off: no force. Always f_n > 0 on the ground.",
     "Where a contact lands, M (dq_plus - dq_minus) = sum J' (F_t, F_n) over the contacts that touch after it, with the "
     "normal velocity zero; the laws of stick and slip hold for the impulses.",
-    "If a cycle ends with a landing, the feet then swap roles: the new shape is `relabel`, its rates are "
-    "`relabel_jacobian` times those of the old shape, and (x, y) is `swing_foot`, with x = 0. Time t starts from zero. "
-    "If the last phase ends with `clock`, a period of the control law has passed; t and x start again from zero.",
+    "After a landing that is marked with `swaps`, the feet swap roles: every contact takes the name of its `partner`, "
+    "the new shape is `relabel`, its rates are `relabel_jacobian` times those of the old shape, and (x, y) is "
+    "`swing_foot`. A contact with `places` has no mass: it lands without an impulse where its `gap` falls to zero, and "
+    "its coordinates take the values of `places`, which they keep while it is off.",
+)
+CYCLE_ENDS = {
+    TOUCHDOWN: "Every step ends with such a landing: x and the time t start again from zero.",
+    CLOCK: "A step ends after `cycle_end.period`, that of the control law. The state goes on, but x and the time t "
+    "start again from zero.",
+}
+"""What ends a step, for the events that are not margins."""
+AT_A_MARGIN = (
+    "A step ends where `cycle_end.margin` falls to zero. The state goes on, but x and the time t start again from zero."
+)
+CORRECTED = (
+    "`control.feedback` has parameters that are corrected where a cycle begins: each is the expression of the state "
+    "there, in which the parameters have their values from `parameters`."
 )
 UNEQUAL = (
     "The legs differ: in every second step the parameters listed in `exchanged` take each other's values. The orbit "
@@ -190,8 +232,6 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
     """The equations of a gait, with all parameters; for arguments and errors see ``orbit_record``."""
     system, walker, expressions = gait.system, gait.system.walker, gait.system.expressions
     eom, mechanism, n = expressions.eom, expressions.eom.mechanism, len(walker.shape)
-    if system.cycle_end not in (TOUCHDOWN, CLOCK) or (walker.stands_on_one() and system.cycle_end == CLOCK):
-        raise ProblemError(f"{gait.problem.name}: an orbit ends with a landing or, of several contacts, with the clock")
     names = parameter_names(system)
     symbols = dict(zip((*names.values(), "t"), ca.vertsplit(vertcat(expressions.p, expressions.t)), strict=True))
     symbols |= {f"r{k}": expressions.r[k] for k in range(system.n_r)}
@@ -215,6 +255,12 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
         for kind, value in zip(kinds, coefficients[name], strict=True)
     }
     points = {f"{name} {what}": getattr(eom.contacts[name], what) for name in walker.contacts for what in POINT}
+    gaps = {f"{name} gap": eom.contacts[name].gap for name in walker.contacts}
+    places = {
+        f"{name} {coordinate}": value
+        for name, contact in mechanism.contacts.items()
+        for coordinate, value in contact.places.items()
+    }
     torques = {str(mode): expressions.torque(mode) for mode in modes}
     bodies = [(body.mass, body.inertia, body.angle, body.position) for body in mechanism.bodies]
     further: dict[str, Mapping[str, Any]] = {
@@ -230,6 +276,9 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
             **{f"friction.{name}": value for name, value in friction.items()},
             **{f"torques.{mode}": value for mode, value in torques.items()},
             **{f"contacts.{name}": value for name, value in points.items()},
+            **{f"landings.{name}": value for name, value in (gaps | places).items()},
+            **({"section": eom.sections[system.cycle_end]} if system.cycle_end in eom.sections else {}),
+            **{f"feedback.{names[key]}": value for key, value in _corrected(system).items()},
             **{f"further.{kind}.{name}": v for kind, values in further.items() for name, v in values.items()},
             **{f"bodies.{k}": vertcat(*map(SX, body)) for k, body in enumerate(bodies)},
             "gravity": mechanism.gravity,
@@ -243,14 +292,26 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
         is_vector = kind in ("torques", "gravity", "bodies", "contacts") or name in VECTORS or len(values) > 1
         return values if is_vector else values[0]
 
-    of_contacts = {name: {what: column(f"contacts.{name} {what}") for what in POINT} for name in walker.contacts}
+    partners = walker.partners()
+    of_contacts = {
+        name: {
+            **{what: column(f"contacts.{name} {what}") for what in POINT},
+            "gap": column(f"landings.{name} gap"),
+            "places": {key: column(f"landings.{name} {key}") for key in mechanism.contacts[name].places},
+            "partner": partners.get(name),
+        }
+        for name in walker.contacts
+    }
+    ends_at_margin = system.cycle_end in eom.sections
     breaks, last = [0.0, *map(float, system.control.breakpoints), None], max(int(arc.segment) for arc in gait.arcs)
-    values = gait.dynamics.parameters
+    values, exchanged = gait.dynamics.parameters, _exchanged(system, names)
     return {
         "words": [
             *(CONVENTIONS_OF_CONTACTS if walker.contacts else CONVENTIONS),
-            *([UNEQUAL] if walker.exchanged else []),
+            AT_A_MARGIN if ends_at_margin else CYCLE_ENDS[system.cycle_end],
+            *([UNEQUAL] if exchanged else []),
             *([FURTHER] if any(further.values()) else []),
+            *([CORRECTED] if system.correction else []),
         ],
         "coordinates": {name: state_unit(name) for name in (*walker.shape, "x", "y")},
         "states": {name: state_unit(name, system) for name in system.state_names},
@@ -258,7 +319,12 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
             name: {"key": key, "exact": exact[key], "value": values[key], "unit": unit_of(key, system)}
             for key, name in names.items()
         },
-        "exchanged": dict(walker.exchanged),
+        "exchanged": exchanged,
+        "cycle_end": {
+            "event": system.cycle_end,
+            "margin": column("section") if ends_at_margin else None,
+            "period": system.control.period if system.cycle_end == CLOCK else None,
+        },
         "gravity": column("gravity"),
         "bodies": [
             dict(zip(("mass", "inertia", "angle", "position"), (*text[:3], text[3:]), strict=True))
@@ -275,6 +341,7 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
             "segments": [
                 {"start": breaks[k], "end": breaks[k + 1], "r": system.data(k).tolist()} for k in range(last + 1)
             ],
+            "feedback": {names[key]: column(f"feedback.{names[key]}") for key in _corrected(system)},
         },
         "definitions": [list(definition) for definition in definitions],
         "equations": {
@@ -286,12 +353,28 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
+def _exchanged(system: HybridSystem, names: Mapping[str, str]) -> dict[str, str]:
+    """Pairs of parameters that take each other's values in every second step."""
+    order = system.step_parameters(np.arange(len(system.parameters)))[-1].tolist()
+    pairs = ((system.parameters[k], system.parameters[other]) for k, other in enumerate(order) if k < other)
+    return {names[key]: names[other] for key, other in pairs}
+
+
+def _corrected(system: HybridSystem) -> dict[str, SX]:
+    """The parameters that feedback from step to step corrects, as functions of the state where a cycle begins."""
+    if system.correction is None:
+        return {}
+    p = system.correction.symbolic(system.expressions.p, system.expressions.eom.z)
+    return {key: p[system.parameters.index(key)] for key in system.correction.keys}
+
+
 @building
 def evaluation_record(gait: Gait) -> dict[str, Any]:
     """The equations of a gait solved for the rates of the state, and the arcs in which they hold.
 
     Each of ``modes`` has the rates of the state, and the margins that end an arc. Each of ``resets`` has the state
-    after an impact. ``arcs`` are in the order of time; a phase has several of them if the law has breakpoints.
+    after an impact, after slips that end together, or at the start of the next step. ``arcs`` are in the order of time;
+    a phase has several of them if the law has breakpoints.
     """
     system, cycle = gait.system, gait.cycle
     expressions, table, names = system.expressions, system.transitions, parameter_names(system)
@@ -304,23 +387,39 @@ def evaluation_record(gait: Gait) -> dict[str, Any]:
         return {"definitions": [list(each) for each in definitions], **columns}
 
     ends: dict[Mode, list[str]] = {}
-    resets = dict[str, SX]()
+    resets = dict[str, dict[str, Any]]()
+
+    def reset_name(name: str, state: SX) -> str:
+        """The name of a reset; the same impact of another mode may be another function."""
+        reset, number = block({"state": state}), 1
+        while resets.setdefault(name if number == 1 else f"{name} ({number})", reset) != reset:
+            number += 1
+        return name if number == 1 else f"{name} ({number})"
+
     arcs, number = list[dict[str, Any]](), 0
     for step in gait.steps:
         for k, arc in enumerate(step.arcs):
-            is_last = k == len(step.arcs) - 1 or step.arc_phases[k + 1] != step.arc_phases[k]
-            guard, reset = table.ending(cycle, number).guard if is_last else None, cycle.reset_after(number)
+            ends_step = k == len(step.arcs) - 1
+            is_last = ends_step or step.arc_phases[k + 1] != step.arc_phases[k]
+            guard = table.ending(cycle, number).guard if is_last else None
             guards = ends.setdefault(arc.mode, [])
             if guard in table.margin_names(arc.mode) and guard not in guards:
                 guards.append(guard)
-            struck = table.struck(cycle, number)
-            if is_last and struck is not None:
-                resets[str(reset)] = expressions.reset(struck, arc.mode, ends_step=arc is step.arcs[-1])
+            struck, reset = (table.struck(cycle, number) if is_last else None), None
+            lands = not ends_step or system.cycle_end == TOUCHDOWN
+            if struck is not None:
+                name = str(cycle.reset_after(number)) if lands else _end_words(system, step is gait.steps[-1])
+                reset = reset_name(name, expressions.reset(struck, arc.mode, ends_step=ends_step))
+            elif is_last and cycle.stop_together(number):
+                reset = reset_name(
+                    "slips end together", expressions.stopped_together(arc.mode, cycle.phases[number + 1])
+                )
+            landed = cycle.reset_after(number) if is_last and lands else None
             arcs.append(
                 {
                     "mode": str(arc.mode), "start": arc.start, "end": arc.end, "r": system.data(arc.segment).tolist(),
-                    "ends_with": guard, "reset": str(reset) if is_last and reset is not None else None,
-                    "ends_step": k == len(step.arcs) - 1,
+                    "ends_with": guard, "reset": reset, "ends_step": ends_step,
+                    "swaps": landed is not None and (ends_step or landed.swaps),
                 }
             )  # fmt: skip
             number += is_last
@@ -332,7 +431,7 @@ def evaluation_record(gait: Gait) -> dict[str, Any]:
         modes[str(mode)] = {**solved, "margins": dict(zip(guards, solved["margins"], strict=True))}
     return {
         "modes": modes,
-        "resets": {name: block({"state": state}) for name, state in resets.items()},
+        "resets": resets,
         "arcs": arcs,
     }
 
@@ -344,7 +443,11 @@ def motion_record(gait: Gait, theorem: Mapping[str, Any] | None) -> dict[str, An
     def enclosed(name: str, value: float | None) -> dict[str, Any]:
         return {"value": value, "unit": unit_of(name, system), "enclosure": proved.get(name)}
 
-    phases, events, began, number = [], [], 0.0, 0
+    whole = Trajectory(
+        names=system.state_names, start=gait.state, steps=gait.steps, ending=Ending.COMPLETED, message=""
+    )
+    impacts = iter(impact_records(whole))
+    phases, events, began, number = list[dict[str, Any]](), list[dict[str, Any]](), 0.0, 0
     durations = proved.get("durations") or [None] * len(gait.phases)
     for k, step in enumerate(gait.steps):
         for index in range(len(step.phases)):
@@ -352,20 +455,20 @@ def motion_record(gait: Gait, theorem: Mapping[str, Any] | None) -> dict[str, An
             end, mode, ending = began + arcs[-1].end, str(arcs[-1].mode), system.transitions.ending(cycle, number)
             duration = {"value": arcs[-1].end - arcs[0].start, "enclosure": durations[number]}
             phases.append({"step": k + 1, "mode": mode, "duration": duration, "ends_with": ending.guard})
-            event = {"time": end, "step": k + 1, "what": ending.guard, "from": mode}
-            before = {"state_before": _named(system, arcs[-1].states[-1])}
-            after, impact = cycle.after(number), step.final_impact
-            if after is not None:
-                events.append(event | {"to": str(after)} | before)
-            else:
-                landed = {"state_after": _named(system, impact.state), "step_length": impact.step_length}
-                if system.cycle_end == TOUCHDOWN:
-                    walker = system.walker
-                    names = (walker.quantity(F, name) for name in walker.contact_names() for F in ("F_t", "F_n"))
-                    impulse = dict(zip(names, impact.impulse.tolist(), strict=True))
-                    landed |= {"impact": str(impact.mode), "impulse": impulse}
-                to = "impact" if system.cycle_end == TOUCHDOWN else "end of cycle"
-                events.append(event | {"to": to} | before | landed)
+            after, reset = cycle.after(number), cycle.reset_after(number)
+            lands = reset is not None and (after is not None or system.cycle_end == TOUCHDOWN)
+            to = str(after) if after is not None else "impact" if lands else _end_words(system, step is gait.steps[-1])
+            event: dict[str, Any] = {"time": end, "step": k + 1, "what": ending.guard, "from": mode, "to": to}
+            event["state_before"] = _named(system, arcs[-1].states[-1])
+            if after is None:
+                event["state_after"] = _named(system, step.final_impact.state)
+                event["step_length"] = step.final_impact.step_length
+            elif lands:
+                (start, *_) = (arc for arc, phase in zip(step.arcs, step.arc_phases, strict=True) if phase == index + 1)
+                event["state_after"] = _named(system, start.states[0])
+            if lands:
+                event |= {"impact": str(reset), "impulse": _impulse(system, next(impacts)["impulse"])}
+            events.append(event)
             number += 1
         began += step.period
     header = trajectory_header(system)
@@ -386,9 +489,23 @@ def motion_record(gait: Gait, theorem: Mapping[str, Any] | None) -> dict[str, An
         "samples": {
             "columns": list(header),
             "units": [units[name] if name in units else unit_of(name, system) for name in header],
-            "rows": [list(row) for row in trajectory_rows(gait.steps)],
+            "rows": [[None if value != value else value for value in row] for row in trajectory_rows(gait.steps)],
         },
     }
+
+
+def _end_words(system: HybridSystem, is_last: bool) -> str:
+    """What follows a step that ends without a landing."""
+    return "end of cycle" if is_last else "end of step"
+
+
+def _impulse(system: HybridSystem, impulses: Any) -> dict[str, float | None]:
+    """The impulses of all contacts, with their names before the impact; None where they are undetermined."""
+    if impulses is None or not system.walker.contacts:
+        names = (system.walker.quantity(F, name) for name in system.walker.contact_names() for F in IMPULSES)
+        return dict.fromkeys(names, None) if impulses is None else dict(impulses)
+    none = dict.fromkeys(IMPULSES, 0.0)
+    return {f"{F}.{name}": impulses.get(name, none)[F] for name in system.walker.contacts for F in IMPULSES}
 
 
 def _named(system: HybridSystem, state: Array) -> dict[str, float]:
@@ -428,7 +545,7 @@ def orbit_record(
     Raises
     ------
     ProblemError
-        If its cycle ends without a landing or a clock, or an expression has an operation without a formula.
+        If an expression has an operation without a formula.
     """
     return {
         "format": FORMAT,

@@ -29,6 +29,7 @@ from combined_walkers import (
     with_spare,
 )
 from named import named
+from orbit_files import differing, written
 from samples import sampled
 
 import gaitopt as go
@@ -179,6 +180,11 @@ def assert_alike(gait: Gait, other: Gait) -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_solver_and_simulator_agree(name: str) -> None:
     assert go.verify(CASES[name].gait).passed
+
+
+@pytest.mark.parametrize("name", sampled(CASES, 5))
+def test_the_orbit_file_is_recomputed_by_a_program_without_gaitopt(name: str) -> None:
+    assert differing(written(CASES[name].gait)) == []
 
 
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.twin])

@@ -6,6 +6,7 @@ Where along a gait its section lies makes no difference to the period and to the
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from math import pi
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,8 +16,10 @@ import numpy as np
 import pytest
 from casadi import SX, cos, sin
 from named import named
+from orbit_files import SET, changed, differing, written
 from own_laws import MidCompass
 from pydantic import Field
+from samples import sampled
 
 import gaitopt as go
 from gaitopt import Control, Gait, Instant, Mechanism, Problem, parse_problem
@@ -36,6 +39,7 @@ from gaitopt.systems import problem_dynamics
 from gaitopt.verification.return_map import ReturnMap
 
 SLIP = {"mode": "slip_forward", "impact": "stick"}
+STORED = "evaluation/resets/end of cycle/state"
 
 
 class ApexRunner(SlipRunner):
@@ -188,13 +192,18 @@ def test_a_free_clock_entrains_a_gait_wherever_its_period_begins() -> None:
     assert second.scalar("step_length") == pytest.approx(first.scalar("step_length"), rel=1e-10)
 
 
-def test_a_runner_has_the_same_multiplier_from_apex_to_apex() -> None:
-    data, plain = problem_data(named("slip-run").problem), named("slip-run")
+def from_apex() -> Gait:
+    """The runner on a massless leg from apex to apex."""
+    data = problem_data(named("slip-run").problem)
     state = {"theta": 0.5145, "shortening": -0.074, "dtheta": 1.0027, "dshortening": -0.6088}
     phases = ["flight", {"mode": "stick", "impact": "stick"}, "flight"]
     data["gait"] = {"section": {"margin": "apex"}, "phases": phases, "guess": {"state": state}}
     data["walker"]["model"] = ApexRunner.model
-    gait = go.solve(parse_problem(json.dumps(data), walkers=[ApexRunner]), progress=False)
+    return go.solve(parse_problem(json.dumps(data), walkers=[ApexRunner]), progress=False)
+
+
+def test_a_runner_has_the_same_multiplier_from_apex_to_apex() -> None:
+    gait, plain = from_apex(), named("slip-run")
     assert gait.converged, gait.message
     assert gait.scalar("period") == pytest.approx(plain.scalar("period"), rel=1e-11)
     np.testing.assert_allclose(gait.multipliers, [*plain.multipliers, 0.0], atol=1e-10)
@@ -225,19 +234,70 @@ def test_feet_with_several_contacts_swap_within_a_cycle() -> None:
     assert impacts[0]["impulse"]["swing_heel"] == pytest.approx(others[1]["impulse"]["swing_heel"], rel=1e-9)
 
 
-def test_a_cycle_of_two_steps_from_mid_stride_to_mid_stride_is_that_from_landing_to_landing() -> None:
-    plain = named("compass-passive-two-step")
-    data = problem_data(plain.problem)
+def two_strides() -> Gait:
+    """The gait of two steps that differ, from mid-stride to mid-stride."""
+    data = problem_data(named("compass-passive-two-step").problem)
     state = {"theta2": 0.5252779, "dtheta1": 0.8197383, "dtheta2": -0.0820203}
     step = {"phases": ["stick", {"mode": "stick", "impact": "stick"}]}
     data["gait"] = {"section": {"margin": "middle"}, "steps": [step, step], "guess": {"state": state}}
     data["walker"]["model"] = "mid_compass"
-    gait = go.solve(parse_problem(json.dumps(data), walkers=[MidCompass]), progress=False)
+    return go.solve(parse_problem(json.dumps(data), walkers=[MidCompass]), progress=False)
+
+
+def test_a_cycle_of_two_steps_from_mid_stride_to_mid_stride_is_that_from_landing_to_landing() -> None:
+    gait, plain = two_strides(), named("compass-passive-two-step")
     assert gait.converged, gait.message
     for quantity in ("period", "step_length", "foot_clearance"):
         assert gait.scalar(quantity) == pytest.approx(plain.scalar(quantity), rel=1e-12), quantity
     np.testing.assert_allclose(gait.multipliers, plain.multipliers, atol=1e-9)
     assert go.verify(gait).passed
+
+
+ELSEWHERE: dict[str, Callable[[], Gait]] = {
+    "margin": lambda: go.solve(mid_stride(), progress=False),
+    "clock": entrained,
+    "margin, several contacts": lambda: heel_toe_pair("heel-toe-slip")[0],
+    "margin, flight": from_apex,
+    "margin, two steps": two_strides,
+}
+
+
+@cache
+def orbit_of(where: str) -> str:
+    """The orbit file of a gait with its section elsewhere."""
+    return json.dumps(written(ELSEWHERE[where]()))
+
+
+@pytest.mark.parametrize("where", sampled(ELSEWHERE, 3))
+def test_the_orbit_file_of_a_gait_is_recomputed_wherever_its_section_lies(where: str) -> None:
+    data = json.loads(orbit_of(where))
+    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema.validate(data, json.loads((SET / "schema.json").read_text()))
+    assert differing(data) == []
+
+
+@pytest.mark.parametrize(
+    ("where", "place", "change", "group"),
+    [
+        ("margin", "statement/cycle_end/margin", lambda text: f"{text} + 0.001", "margins"),
+        ("margin", "orbit/events/1/impulse/F_t", lambda impulse: 1.001 * impulse, "events"),
+        ("margin", "orbit/events/1/impact", lambda _: "slip_forward", "margins"),
+        ("margin", "orbit/events/1/state_after/dtheta2", lambda rate: 1.001 * rate, "events"),
+        ("margin", "orbit/events/3/step_length", lambda length: 1.001 * length, "events"),
+        ("margin", "evaluation/arcs/1/swaps", lambda _: False, "equations"),
+        ("margin", STORED, lambda texts: [*texts[:3], "1.001*dtheta1", *texts[4:]], "initial state"),
+        ("margin", "statement/equations/M/0/0", lambda text: f"1.001*({text})", "equations"),
+        ("margin", "orbit/multipliers", lambda multipliers: multipliers[:-1], "multipliers"),
+        ("clock", "statement/cycle_end/period", lambda period: 1.001 * period, "ends of phases"),
+        ("clock", "statement/control/torques/stick/1", lambda text: f"1.001*({text})", "samples"),
+        ("clock", STORED, lambda texts: [*texts[:2], "x", *texts[3:]], "events"),
+        ("clock", "orbit/multipliers/0/re", lambda part: part + 1e-5, "multipliers"),
+    ],
+)
+def test_what_is_wrong_in_the_orbit_of_a_section_elsewhere_is_found(
+    where: str, place: str, change: Callable[[Any], Any], group: str
+) -> None:
+    assert group in differing(changed(json.loads(orbit_of(where)), place, change))
 
 
 NO_FOOT = "feet: no foot lands with which they would swap: leave it out"

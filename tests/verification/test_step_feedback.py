@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from named import named
+from orbit_files import changed, differing, written
 
 import gaitopt as go
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
@@ -51,6 +52,12 @@ def test_closed_loop_multipliers_are_those_of_the_linearised_map_and_of_the_salt
     else:
         assert gait.spectral_radius < max(radius, 1e-5)
     np.testing.assert_allclose(gait.state, opened.state, atol=1e-11)
+
+
+def test_the_orbit_file_states_the_correction_and_its_multipliers():
+    data = written(closed("lqr"))
+    assert differing(data) == []
+    assert differing(changed(data, "statement/control/feedback", lambda _: {})) == ["multipliers"]
 
 
 def test_a_gait_with_feedback_is_verified_and_walks_from_beside_it():
@@ -222,6 +229,13 @@ gait:
 @cache
 def with_two_references():
     return go.solve(go.parse_problem(TWO_REFERENCES), progress=False)
+
+
+@pytest.mark.slow
+def test_the_orbit_file_exchanges_the_parameters_that_feedback_corrects():
+    data = written(with_two_references())
+    assert differing(data) == []
+    assert differing(changed(data, "statement/exchanged", lambda _: {}))
 
 
 def test_parameters_that_are_exchanged_within_the_cycle_are_corrected_in_both_steps():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from contact_problems import SLED, Sled
 from named import named
+from orbit_files import changed, differing, written
 
 import gaitopt as go
 from gaitopt import Cycle, Gait, Mode, Problem, Status
@@ -64,6 +65,15 @@ def test_contacts_that_stop_at_one_instant_are_stated_in_a_file_solved_and_verif
     assert check.figure("perturbation") < 1e-6  # walks that are not symmetric, in which one stops before the other
 
 
+def test_the_orbit_file_of_contacts_that_stop_at_one_instant_is_recomputed() -> None:
+    data = written(go.solve(problem_of((1.0, 1.0, 1.0)), progress=False))
+    assert differing(data) == []
+    for arc in data["evaluation"]["arcs"]:
+        if arc["reset"] == "slips end together":  # the second slip then goes on, of which nothing tells
+            arc["reset"] = None
+    assert differing(data) == ["multipliers"]
+
+
 class SplitCrawler(Crawler):
     """A crawler whose rear touches the ground with two contacts at one point."""
 
@@ -77,12 +87,25 @@ class SplitCrawler(Crawler):
         return replace(stated, contacts={"rear": rear, "twin": rear, "front": front})
 
 
-def test_a_contact_that_is_split_in_two_has_the_gait_of_one() -> None:
-    data, whole = problem_data(go.load_problem("crawler")), named("crawler")
+def split() -> Gait:
+    """The gait of a crawler whose rear contact is split in two."""
+    data = problem_data(go.load_problem("crawler"))
     data["walker"]["model"], data["friction"] = "split_crawler", data["friction"] | {"twin": 0.6}
     data["gait"]["phases"] = [phase | {"twin": phase["rear"]} for phase in data["gait"]["phases"]]
     del data["gait"]["impact"]
-    gait = go.solve(go.parse_problem(json.dumps(data), walkers=[SplitCrawler]))
+    return go.solve(go.parse_problem(json.dumps(data), walkers=[SplitCrawler]))
+
+
+def test_an_orbit_file_has_no_value_of_undetermined_forces() -> None:
+    data = written(split())
+    assert differing(data) == []
+    column = data["orbit"]["samples"]["columns"].index("f_n.twin")
+    assert {row[column] for row in data["orbit"]["samples"]["rows"]} == {None}
+    assert "samples" in differing(changed(data, f"orbit/samples/rows/3/{column}", lambda _: 1.0))
+
+
+def test_a_contact_that_is_split_in_two_has_the_gait_of_one() -> None:
+    gait, whole = split(), named("crawler")
     assert gait.converged, gait.message
     assert gait.scalar("step_length") == pytest.approx(whole.scalar("step_length"), abs=1e-13)
     assert gait.multipliers == pytest.approx(whole.multipliers, abs=1e-10)
