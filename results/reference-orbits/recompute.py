@@ -540,9 +540,9 @@ def judge(data):
     same("events", [event["to"] for event in orbit["events"]], next_modes)
     if "cycle_end" in statement:
         event, period = statement["cycle_end"]["event"], statement["cycle_end"]["period"]
-        closing = {event if event != "touchdown" and not swaps_feet(data, arc) else "touchdown"
-                   for arc in arcs if arc["ends_step"]}  # fmt: skip
-        same("ends of phases", closing, {event})
+        last = [arc for arc in arcs if arc["ends_step"]]
+        found_ends = {"touchdown" if swaps_feet(data, arc) else arc["ends_with"] for arc in last}
+        same("ends of phases", found_ends, {event})
         compare("ends of phases", np.diff(begins) if period else [], [period] * (len(begins) - 1) if period else [])
     lengths, x = [], list(statement["states"]).index("x")
     for event, (_, _, arc) in zip(orbit["events"], phases, strict=False):

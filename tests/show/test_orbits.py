@@ -94,7 +94,7 @@ SLIPPERY = {"value": 0.001, "exact": "0.001", "key": "friction", "unit": ""}
         ("crawler", "statement/cycle_end/period", lambda period: 1.001 * period, "ends of phases"),
         ("bounding", "statement/cycle_end/margin", lambda text: f"{text} - 0.001", "margins"),
         ("bounding", "statement/contacts/front/places/front_x", lambda text: f"1.001*({text})", "margins"),
-        ("bounding", "statement/further_parts/springs/back/2", lambda text: f"1.001*({text})", "samples"),
+        ("bounding", "statement/further_parts/springs/back/3", lambda text: f"1.001*({text})", "samples"),
         ("bounding", "orbit/multipliers", lambda multipliers: multipliers[:-1], "multipliers"),
         ("slip-walk-stable", "evaluation/arcs/1/swaps", lambda _: False, "ends of phases"),
     ],
