@@ -26,6 +26,9 @@ from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.integration import bracketed_root
 from gaitopt.solver.sparse import ScaledMatrix, SparseMatrix
 
+UNDEFINED = (RuntimeError, np.linalg.LinAlgError)
+"""Errors where a derivative is singular, or a condition has no value or derivative because the return map is not
+finite."""
 RESIDUAL = 1e-13
 """Largest violation of an equality on the curve, in natural units: about thirty times the rounding of a step.
 
@@ -222,32 +225,38 @@ def corrected(
             if solved:
                 break
             last = size
-    except RuntimeError:  # singular
+        at, matrix = _polished(system, w)
+    except UNDEFINED:
         return None
-    at, matrix = _polished(system, w)
     return Correction(at=at, matrix=matrix, iterations=iterations, is_near=is_near)
 
 
 def _polished(system: Fixed[At] | Perpendicular[At], w: Array) -> tuple[At, ScaledMatrix]:
-    """The solution after full Newton steps, down to ``LARGEST_LAST_STEP`` or rounding, and its derivative."""
+    """The solution after full Newton steps, down to ``LARGEST_LAST_STEP`` or rounding, and its derivative.
+
+    Raises
+    ------
+    RuntimeError, LinAlgError
+        If the equations have no derivative at ``w``.
+    """
     at = system.equations.at(w)
     matrix = system.matrix(at)
     best, last = (at, matrix), np.inf
-    while True:
-        try:
+    try:
+        while True:
             step = matrix.solve(system.residual(at))
-        except RuntimeError:  # singular
-            return best
-        size = float(np.abs(step / system.columns).max())
-        if not size < CONTRACTION * last:
-            return best
-        if size < LARGEST_LAST_STEP:
-            return at, matrix
-        best, last = (at, matrix), size
-        w = at.w.copy()
-        w[: step.size] -= step
-        at = system.equations.at(w)
-        matrix = system.matrix(at)
+            size = float(np.abs(step / system.columns).max())
+            if not size < CONTRACTION * last:
+                return best
+            if size < LARGEST_LAST_STEP:
+                return at, matrix
+            best, last = (at, matrix), size
+            w = at.w.copy()
+            w[: step.size] -= step
+            at = system.equations.at(w)
+            matrix = system.matrix(at)
+    except UNDEFINED:
+        return best
 
 
 def predictions(

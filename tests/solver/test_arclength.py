@@ -171,6 +171,28 @@ def test_a_chord_that_contracts_slowly_is_replaced() -> None:
     assert exact < replaced < chord  # quadratic convergence after a slow step, linear convergence with a fair chord
 
 
+class EndingAtOne(Explicit):
+    """Equations without a derivative at x = 1, as a condition has none where the return map is not finite."""
+
+    error: type[Exception]
+
+    def violation(self, w: np.ndarray) -> np.ndarray:
+        return super().at(w).residual
+
+    def at(self, w: np.ndarray) -> Iterate:
+        if w[0] == pytest.approx(1.0, abs=1e-9):
+            raise self.error("not finite")
+        return super().at(w)
+
+
+@pytest.mark.parametrize("error", [RuntimeError, np.linalg.LinAlgError])
+def test_a_solution_without_a_derivative_is_no_correction(error, monkeypatch) -> None:
+    monkeypatch.setattr(EndingAtOne, "error", error, raising=False)
+    system, there, before = Fixed(EndingAtOne("parabola")), np.array([1.001, 1.0]), np.array([0.501, 0.25])
+    assert corrected(system, there) is None
+    assert corrected(system, before).at.w[0] == pytest.approx(0.5, abs=1e-13)
+
+
 def test_where_a_step_fails_the_last_point_before_the_zero_is_a_guess() -> None:
     found = located(0.0, 1.0, 1.0, lambda part: part if part < 0.4 else None, lambda point: 0.5 - point)
     assert (found.length, found.point, found.status) == (0.0, 0.0, "guess")
