@@ -14,21 +14,8 @@ import numpy as np
 import pytest
 from named import named
 
-from gaitopt import (  # fmt: skip
-    Family,
-    Mode,
-    basin,
-    continuation,
-    explain,
-    load_problem,
-    multistart,
-    prove,
-    return_map,
-    simulate,
-    solve,
-    sweep,
-    verify,
-)
+import gaitopt as go
+from gaitopt import Mode, load_problem, simulate, solve, verify
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.search.find import gaits_of
 from gaitopt.workers.cluster import connected
@@ -60,7 +47,7 @@ def content(value):
 def results():
     wheel, gait = named(WHEEL), named("compass-passive-a")
     section = gait.state[gait.system.section(Mode.SLIP_FORWARD).indices]
-    branch = continuation(wheel, "friction", to=0.9, progress=False)
+    branch = go.continuation(wheel, "friction", to=0.9, progress=False)
     candidate = {**wheel.to_record(), "steps": [wheel.to_record()], "start": "test"}
     return {
         "problem": load_problem("compass-pd-impact-slip"),
@@ -75,8 +62,8 @@ def results():
         "branch": branch,
         "point": branch[0],
         "special point": branch.specials[0],
-        "returns": return_map(gait, section[None]),
-        "explanation": explain(wheel.problem.replace({"friction": 0.8}), seconds=0, progress=False),
+        "returns": go.return_map(gait, section[None]),
+        "explanation": go.explain(wheel.problem.replace({"friction": 0.8}), seconds=0, progress=False),
         "gaits": gaits_of(
             wheel.problem.replace({"gait.phases": "auto"}),
             [{"method": "simulation", "starts": 1, "candidates": [candidate]}],
@@ -97,9 +84,9 @@ def test_every_result_survives_copies_and_pickles_to_the_last_bit():
 def test_results_of_run_folders_survive_pickles_and_folders_hold_none(empty_folder):
     problem = named(WHEEL).problem
     kept = [
-        sweep(problem, {"friction": (0.93, 0.95, 2)}, workers=1, progress=False),
-        basin(named(WHEEL), {"dtheta": (0.7, 0.8, 2)}, steps=5, engine="scipy", workers=1, progress=False),
-        multistart(problem, 2, workers=1, progress=False, output=empty_folder / "starts"),
+        go.sweep(problem, {"friction": (0.93, 0.95, 2)}, workers=1, progress=False),
+        go.basin(named(WHEEL), {"dtheta": (0.7, 0.8, 2)}, steps=5, engine="scipy", workers=1, progress=False),
+        go.multistart(problem, 2, workers=1, progress=False, output=empty_folder / "starts"),
     ]
     named(WHEEL).save(empty_folder / "gait")
     assert repr(sent(kept)) == repr(kept)
@@ -114,7 +101,7 @@ def test_proofs_survive_pickles_ball_by_ball():
 
     from gaitopt.proof.arithmetic import decimal_bounds
 
-    proof = prove(named(WHEEL), progress=False)
+    proof = go.prove(named(WHEEL), progress=False)
     again = sent(proof)
     assert again.to_record() == proof.to_record()
     with ctx.workprec(300):
@@ -138,7 +125,7 @@ def test_modes_are_the_same_objects_and_equal_systems_are_unpickled_once():
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_copied_family_goes_on_from_the_same_solutions(way):
-    family = Family(named("compass-passive-a"))
+    family = go.Family(named("compass-passive-a"))
     problems = [family.gait.problem.replace({"friction": 0.14 + 1e-3 * k}) for k in range(4)]
     for problem in problems[:-1]:
         family.solve(problem)
@@ -179,8 +166,8 @@ def test_walkers_of_modules_are_imported_where_they_arrive(tmp_path, monkeypatch
 
     problem = load_problem(_wheel_file(tmp_path), walkers=[home_made.HomeMadeWheel])
     message = pickle.dumps([problem, solve(problem, progress=False).problem])
-    assert _loaded_elsewhere(message, str(tmp_path)).stdout.count("HomeMadeWheel(") == 2
-    refused = _loaded_elsewhere(message, "").stderr
+    assert _loaded_elsewhere(message, str(tmp_path)).stdout.count(b"HomeMadeWheel(") == 2
+    refused = _loaded_elsewhere(message, "").stderr.decode()
     assert "UnknownNameError: walker home_made: its class HomeMadeWheel cannot be imported" in refused
     assert "install the package of the walker there" in refused
 
@@ -205,8 +192,7 @@ def _wheel_file(folder):
 
 def _loaded_elsewhere(message, path):
     places = os.pathsep.join([path, str(Path(__file__).parents[1])])
-    command = [sys.executable, "-c", LOAD]
-    done = subprocess.run(
-        command, input=message, capture_output=True, env={**os.environ, "PYTHONPATH": places}, check=False
+    environment = {**os.environ, "PYTHONPATH": places}
+    return subprocess.run(
+        [sys.executable, "-c", LOAD], input=message, capture_output=True, env=environment, check=False
     )
-    return subprocess.CompletedProcess(command, done.returncode, done.stdout.decode(), done.stderr.decode())

@@ -12,7 +12,7 @@ from pictured import gait
 from rich.console import Console
 
 import gaitopt as go
-from gaitopt.errors import StorageError
+from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait.gait import Cause
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.search.explain import Explanation
@@ -94,6 +94,10 @@ def test_everything_the_command_line_draws_is_drawn_from_the_objects(branch, wal
     assert isinstance(go.plot(gaits, "force"), Axes)
     assert all(isinstance(branch.plot(word), Axes) for word in figures_of(branch).names)
     assert isinstance(swept[0].plot("speed"), Axes)
+    (path,) = go.save_figures(swept[0], "figures", ["speed"], formats=["svg"])
+    assert path.read_bytes().startswith(b"<?xml")
+    with pytest.raises(UnknownNameError, match="landscape: choose from"):
+        go.save_figures(swept[0], "figures", ["landscape"])
     assert isinstance(walk.plot(), Axes)
     with pytest.raises(ValueError, match="choose from portrait"):
         gaits[0].plot("landscape")
@@ -163,20 +167,12 @@ def test_runs_come_back_as_what_was_stored(walk, swept):
     np.testing.assert_array_equal(stored.gait_states, walk.gait_states)
     assert repr(stored) == repr(walk)
     (place,) = swept[1].glob("sweep-*")
-    np.testing.assert_array_equal(go.load_run(place).column("speed"), swept[0].column("speed"))
+    again = go.load_run(place)
+    np.testing.assert_array_equal(again.column("speed"), swept[0].column("speed"))
+    assert again.folder == swept[0].folder == place
+    assert (place / "table.csv").is_file()
     with pytest.raises(StorageError, match="no gaitopt result"):
         go.load_run("nothing")
-
-
-def test_a_branch_comes_back_with_its_gaits(branch, run, empty_folder):
-    assert (
-        run("continue", WHEEL, "--param", "friction", "--to", "0.39", "--max-points", "3", "--quiet", "-o", "b")[0] == 0
-    )
-    again = go.load_run("b")
-    assert again.specials[0].type == "end"
-    verified = go.verify(again[1].gait)
-    assert verified.figure("state") < 1e-9
-    assert again[1].gait.problem.friction == again[1].value
 
 
 def test_special_points_over_an_angle_are_printed_in_degrees_as_well():

@@ -40,10 +40,12 @@ def branch_page():
 
 
 @pytest.mark.parametrize("name", ["compass-passive-a", "rimless-wheel-slip", TORSO])
-def test_the_walker_walks_stops_and_is_scrubbed(visit, name):
+def test_the_walker_walks_at_the_chosen_speed_stops_and_is_scrubbed(visit, name):
     page = visit(animation_page(motion_of(gait(name))))
     first = position(page)
     page.wait_for_function(f"first => document.querySelector('{FORCE}').getAttribute('d') !== first", arg=first)
+    page.get_by_label("speed").select_option("2")
+    page.wait_for_function("() => document.querySelector('.words').textContent.includes('step 3')", timeout=5000)
     page.get_by_role("button", name="Pause").click()
     still = position(page)
     page.wait_for_timeout(150)
@@ -91,12 +93,6 @@ def test_a_place_of_an_atlas_shows_its_gait_in_its_region_on_its_sheet(visit):
     assert page.evaluate("document.documentElement.scrollWidth") <= page.evaluate("innerWidth")
 
 
-def test_the_speed_can_be_chosen(visit):
-    page = visit(animation_page(motion_of(gait("compass-passive-a"))))
-    page.get_by_label("speed").select_option("2")
-    page.wait_for_function("() => document.querySelector('.words').textContent.includes('step 3')", timeout=5000)
-
-
 def test_in_flight_there_is_neither_force_nor_mark_on_the_ground(visit):
     page = visit(animation_page(motion_of(gait("hopper"))), motion="reduce")
     for place, flying in ((0, False), (40, True), (200, True), (252, False)):
@@ -106,33 +102,25 @@ def test_in_flight_there_is_neither_force_nor_mark_on_the_ground(visit):
     assert page.locator(".walker .mark").count() == 0
 
 
-def test_with_reduced_motion_nothing_moves_by_itself(visit):
+def test_slip_leaves_marks_on_the_ground_and_the_magnifier_glows_while_the_foot_slips(visit):
     page = visit(animation_page(motion_of(gait("compass-passive-a"))), motion="reduce")
     still = position(page)
     page.wait_for_timeout(200)
-    assert position(page) == still
+    assert position(page) == still  # nothing moves by itself
     assert page.get_by_role("button", name="Play").is_visible()
-
-
-def test_slip_leaves_its_marks_on_the_ground(visit):
-    page = visit(animation_page(motion_of(gait("compass-passive-a"))), motion="reduce")
-    page.get_by_role("slider", name="time").fill("1000")
-    marks = page.locator(".walker .mark:not(.lens *)")
-    assert marks.count() == 8  # forward and backward in each of four steps
-    assert all(marks.nth(k).evaluate("mark => mark.style.display") == "" for k in range(8))
-
-
-def test_the_magnifier_glows_while_the_foot_slips_and_names_its_scale(visit):
-    page = visit(animation_page(motion_of(gait("compass-passive-a"))), motion="reduce")
     assert page.locator(".lens text").all_text_contents() == ["2 mm", "×100"]
     for place, mode in ((5, "slip_forward"), (100, None), (248, "slip_backward")):
         page.get_by_role("slider", name="time").fill(str(place))
         classes = page.locator(".lens .rim").get_attribute("class").split()
         assert classes == (["rim", "glows", mode] if mode else ["rim"])
+    page.get_by_role("slider", name="time").fill("1000")
+    marks = page.locator(".walker .mark:not(.lens *)")
+    assert marks.count() == 8  # forward and backward in each of four steps
+    assert all(marks.nth(k).evaluate("mark => mark.style.display") == "" for k in range(8))
     assert visit(animation_page(motion_of(gait("compass-passive-stick")))).locator(".lens").count() == 0
 
 
-def test_a_click_in_the_plane_of_starts_plays_the_walk_from_there(visit):
+def test_a_click_in_the_plane_of_starts_or_a_button_plays_its_walk(visit):
     shown = gait("compass-passive-a")
     starts = {f"{a}, {b}": {"dtheta1": a, "dtheta2": b} for a in (0.7, 0.72) for b in (-0.54, -0.5)}
     walks = {label: simulate(shown, state, steps=2) for label, state in starts.items()}
@@ -142,71 +130,53 @@ def test_a_click_in_the_plane_of_starts_plays_the_walk_from_there(visit):
     for k, label in enumerate(walks):
         cells.nth(k).click(force=True)
         assert page.locator("#choice > p").inner_text().startswith(f"{label}: ")
-
-
-def test_a_button_plays_its_walk(visit):
-    shown = gait("compass-passive-a")
-    walks = {"no push": simulate(shown, steps=2), "a push": simulate(shown, {"dtheta1": 0.9}, steps=2)}
     page = visit(walks_page(shown, walks, ""), motion="reduce")
-    page.get_by_role("button", name="a push").click()
-    assert page.get_by_role("button", name="a push").get_attribute("aria-pressed") == "true"
-    assert page.locator("#choice > p").inner_text().startswith("a push: ")
+    button = page.get_by_role("button", name=label, exact=True)
+    button.click()
+    assert button.get_attribute("aria-pressed") == "true"
+    assert page.locator("#choice > p").inner_text().startswith(f"{label}: ")
 
 
-def test_a_click_on_the_diagram_changes_the_gait_shown(visit, branch_page):
+def test_gaits_of_a_branch_are_chosen_by_pointer_key_and_special_point(visit, branch_page):
     page = visit(branch_page)
-    heading = page.locator("article h2")
+    heading, tip = page.locator("article h2"), page.locator(".tip")
     before, numbers = heading.inner_text(), page.locator("article .overview table").inner_text()
     dots = page.locator(".diagram circle.dot")
-    box = dots.nth(5).bounding_box()
-    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    assert heading.inner_text() == "Branch 1, coefficient of friction μ = 0.15"
-    assert heading.inner_text() != before
-    assert page.locator("article .overview table").inner_text() != numbers
-    assert "unstable" in page.locator("article .badge").inner_text()
-
-
-def test_hovering_tells_which_gait_is_under_the_pointer(visit, branch_page):
-    page = visit(branch_page)
-    page.locator(".diagram circle.dot").nth(2).hover(force=True)
-    tip = page.locator(".tip")
-    assert tip.is_visible()
-    assert "0.14" in tip.inner_text()
-    page.mouse.move(2, 2)
-    assert tip.is_hidden()
-
-
-def test_a_branch_is_walked_along_by_keyboard_alone(visit, branch_page):
-    page = visit(branch_page)
     for _ in range(6):
         page.keyboard.press("Tab")
         if page.evaluate("document.activeElement.id") == "point":
             break
     page.keyboard.press("ArrowLeft")  # less friction
-    assert page.locator("article h2").inner_text().endswith("μ = 0.145")
+    assert heading.inner_text().endswith("μ = 0.145")
     assert "0.145" in page.locator("#point").get_attribute("aria-valuetext")
-
-
-def test_another_scalar_is_drawn_when_it_is_chosen(visit, branch_page):
-    page = visit(branch_page)
-    page.get_by_label("Show").select_option("speed")
-    assert "speed" in page.locator(".diagram figcaption").inner_text()
-
-
-def test_a_special_point_leads_to_its_gait(visit, branch_page):
-    page = visit(branch_page)
+    dots.nth(2).hover(force=True)
+    assert tip.is_visible()
+    assert "0.14" in tip.inner_text()
+    page.mouse.move(2, 2)
+    assert tip.is_hidden()
+    box = dots.nth(5).bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    assert heading.inner_text() == "Branch 1, coefficient of friction μ = 0.15" != before
+    assert page.locator("article .overview table").inner_text() != numbers
+    assert "unstable" in page.locator("article .badge").inner_text()
     page.get_by_role("button", name="branch ends").click()
-    assert page.locator("article h2").inner_text().startswith("Branch 1")
+    assert heading.inner_text() == "Branch 1, coefficient of friction μ = 0.16"
     page.wait_for_function("() => document.querySelector('article').getBoundingClientRect().top < innerHeight / 2")
 
 
-def test_speed_and_pause_outlast_the_choice_of_another_gait(visit, branch_page):
+def test_special_points_are_explained_and_what_is_chosen_outlasts_another_gait(visit, branch_page):
     page = visit(branch_page)
+    shapes = {page.locator(".diagram .special").nth(k).get_attribute("class") for k in range(2)}
+    assert len(shapes) == 2
+    assert "Neimark" in page.locator(".diagram .key").last.inner_text()
+    assert "0.135" in page.locator(".diagram text").all_text_contents()  # beside its mark
     page.get_by_label("speed").select_option("0.5")
     page.get_by_role("button", name="Pause").click()
     page.locator("#point").press("ArrowLeft")
     assert page.get_by_label("speed").input_value() == "0.5"
     assert page.get_by_role("button", name="Play").is_visible()
+    page.get_by_label("Show").select_option("speed")
+    assert "speed" in page.locator(".diagram figcaption").inner_text()
 
 
 def test_the_controls_of_an_animation_are_visible_in_a_notebook(visit):
@@ -216,12 +186,18 @@ def test_the_controls_of_an_animation_are_visible_in_a_notebook(visit):
     assert controls["y"] + controls["height"] < frame["y"] + frame["height"]
 
 
-def test_gaits_side_by_side_share_their_axes_and_show_the_difference(visit):
+def test_gaits_side_by_side_share_their_axes_show_the_difference_and_have_round_circles(visit):
     page = visit(comparison_report([gait("compass-passive-a"), gait("compass-pd-impact-slip")]))
     assert page.locator("article").count() == 2
     assert "difference" in page.locator("#numbers thead").inner_text()
     ticks = [page.locator("article").nth(k).locator(".chart").first.locator("text").all_inner_texts() for k in (0, 1)]
     assert ticks[0] == ticks[1]
+    panels = page.locator("figure", has_text="Floquet multipliers")
+    assert panels.count() == 2
+    for k in range(2):
+        frame, circle = (panels.nth(k).locator("path.axis").nth(n).bounding_box() for n in range(2))
+        assert circle["width"] == pytest.approx(circle["height"], abs=1)
+        assert circle["width"] > 0.75 * max(frame["width"], frame["height"])  # it fills its panel
 
 
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
@@ -258,30 +234,20 @@ def test_two_steps_have_their_own_jumps_crosses_and_no_slip_between_them(visit):
     assert force.locator("path.curve.second").count() == 2
 
 
-def test_multipliers_stand_beside_their_circle_and_motors_that_do_not_exist_nowhere(visit):
-    page = visit(comparison_report([gait("compass-passive-a")]))
+def test_the_page_of_a_passive_gait_has_its_multipliers_a_smooth_slip_and_no_motors(visit):
+    page = visit(comparison_report([gait("compass-passive-a")]), width=390)
     assert page.locator("h1").inner_text() not in page.locator("h2").all_inner_texts()
     assert page.locator(".multipliers tbody tr").count() == 2  # a conjugate pair shares a line
     assert "±" in page.locator(".multipliers tbody").inner_text()
-    assert not re.search("cost of transport|dampers", page.locator("table").first.inner_text())
-    assert "x\u0307" in page.locator("table").first.inner_text()
-    assert "|f_t|/f_n while sticking" in page.locator("table").first.inner_text()
-
-
-def test_the_unit_circle_is_round_and_fills_its_panel(visit):
-    page = visit(comparison_report([gait("compass-passive-a"), gait("rimless-wheel-slip")]))
-    panels = page.locator("figure", has_text="Floquet multipliers")
-    for k in range(panels.count()):
-        frame, circle = (panels.nth(k).locator("path.axis").nth(n).bounding_box() for n in range(2))
-        assert circle["width"] == pytest.approx(circle["height"], abs=1)
-        assert circle["width"] > 0.75 * max(frame["width"], frame["height"])
-
-
-def test_figures_that_are_swiped_leave_no_gap_below_the_first(visit):
-    page = visit(comparison_report([gait("compass-passive-a")]), width=390)
+    numbers = page.locator("table").first.inner_text()
+    assert not re.search("cost of transport|dampers", numbers)
+    assert "x\u0307" in numbers
+    assert "|f_t|/f_n while sticking" in numbers
     page.locator("figure", has_text="Largest difference").locator("svg").wait_for()
     heights = page.evaluate("Array.from(document.querySelectorAll('.charts figure'), (figure) => figure.offsetHeight)")
-    assert max(heights) < 1.25 * heights[0]
+    assert max(heights) < 1.25 * heights[0]  # figures that are swiped leave no gap below the first
+    chart = page.locator("figure", has_text="Slip of the stance foot").locator("path.curve")
+    assert all(chart.nth(k).get_attribute("d").count("L") >= 30 for k in range(chart.count()))
 
 
 def test_equal_figures_of_gaits_side_by_side_stand_at_equal_heights(visit):
@@ -317,20 +283,6 @@ def test_angles_of_a_branch_are_shown_in_degrees_where_the_file_has_them(visit):
     assert page.locator("article h2").inner_text() == "Branch 0, slope = 1°"
     assert "slope [°]" in page.locator(".diagram").inner_text()
     assert "(free)" not in page.locator("article").inner_text()
-
-
-def test_slip_is_drawn_as_a_smooth_curve(visit):
-    page = visit(comparison_report([gait("compass-passive-a")]))
-    chart = page.locator("figure", has_text="Slip of the stance foot").locator("path.curve")
-    assert all(chart.nth(k).get_attribute("d").count("L") >= 30 for k in range(chart.count()))
-
-
-def test_kinds_of_special_points_differ_and_are_explained(visit, branch_page):
-    page = visit(branch_page)
-    shapes = {page.locator(".diagram .special").nth(k).get_attribute("class") for k in range(2)}
-    assert len(shapes) == 2
-    assert "Neimark" in page.locator(".diagram .key").last.inner_text()
-    assert "0.135" in page.locator(".diagram text").all_text_contents()  # beside its mark
 
 
 def test_gaits_are_swiped_on_a_phone_and_played_together(visit):

@@ -1,4 +1,4 @@
-"""``gaitopt continue``: what it prints, what it keeps, how it goes on after being cut short, and what it refuses."""
+"""``gaitopt continue`` and ``trace``: what they print, what they keep, how they go on, and what they refuse."""
 
 import contextlib
 import csv
@@ -13,11 +13,13 @@ from gaitopt.branches import continuation as continuer
 from gaitopt.branches.continuation import Continuation
 from gaitopt.cli.main import main
 from gaitopt.runs.branch import BRANCH_FILE
+from gaitopt.runs.trace import TRACE_FILE
 from gaitopt.store.files import read_lines
 from gaitopt.store.run import Run
 from gaitopt.verification.verify import Outcome, Verification, confirm
 
 COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")
+TRACE = ("trace", "branch@special.0", "--param", "walker.slope", "--to", "12.8 deg", "-o", "trace", "--quiet")
 
 pytestmark = pytest.mark.usefixtures("empty_folder")
 
@@ -44,7 +46,7 @@ def stored(folder="branch"):
     return list(read_lines(Path(folder) / BRANCH_FILE))
 
 
-def test_json_is_one_record_per_line_and_the_same_on_the_disk(run):
+def test_a_branch_is_printed_as_it_is_on_the_disk_and_a_finished_one_is_not_computed_again(run, monkeypatch):
     code, out, _ = run(*COMMAND, "--json")
     assert code == 0
     printed = records(out)
@@ -62,15 +64,14 @@ def test_json_is_one_record_per_line_and_the_same_on_the_disk(run):
     assert {point["branch"] for point in points} == {0, 1}
     assert points[0]["verification"]["passed"]
     assert all(point["multipliers"] for point in points)
-
-
-@pytest.mark.usefixtures("branch")
-def test_table_has_a_row_for_every_record():
     with (Path("branch") / "branch.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [row["type"] for row in rows].count("point") == sum(r["record"] == "point" for r in stored())
-    assert float(rows[0]["value"]) == 1.0
-    assert rows[-1]["type"] == "end"
+    assert [row["type"] for row in rows].count("point") == len(points)
+    assert (float(rows[0]["value"]), rows[-1]["type"]) == (1.0, "end")
+    monkeypatch.setattr(Continuation, "__iter__", lambda *_, **__: pytest.fail("walked again"))
+    assert run(*COMMAND, "--json")[1] == out
+    _, summary, _ = run(*COMMAND)
+    assert all(words in summary for words in ("stick, slip_forward; stick", "0.914120", "mode change -> 1"))
 
 
 @pytest.mark.parametrize("kept", [11, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 5, 12))])
@@ -99,37 +100,6 @@ def test_a_limit_of_points_or_time_only_pauses_a_branch(run, limit):
     code, _, _ = run(*COMMAND[:-3], "-o", "paused")
     assert code == 0
     assert stored("paused") == whole
-
-
-def test_finished_branch_is_not_computed_again(run, monkeypatch):
-    _, first, _ = run(*COMMAND, "--json")
-    monkeypatch.setattr(Continuation, "__iter__", lambda *_, **__: pytest.fail("walked again"))
-    _, second, _ = run(*COMMAND, "--json")
-    assert first == second
-
-
-def test_summary_names_branches_and_special_points(run):
-    code, out, _ = run(*COMMAND)
-    assert code == 0
-    assert "stick, slip_forward; stick" in out
-    assert "0.914120" in out
-    assert "mode change -> 1" in out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
-        (("--param", "fricton", "--to", "0.5"), 2, "did you mean friction"),
-        (("--param", "friction", "--to", "half"), 2, "write a number"),
-        (("--param", "friction", "--to", "1.0"), 3, "another finite value"),
-        (("--param", "friction", "--to", "0.5", "--lower", "0.6"), 3, "below the bound"),
-    ],
-)
-def test_impossible_requests_are_refused_before_anything_is_written(run, arguments, code, words):
-    ended, _, err = run("continue", "rimless-wheel-stick", *arguments, "-o", "branch", "--quiet")
-    assert ended == code
-    assert words in err
-    assert not Path("branch").exists()
 
 
 def test_gait_that_the_simulator_refutes_ends_the_branch_and_the_command_with_5(run, monkeypatch):
@@ -195,7 +165,32 @@ def test_special_points_that_lead_nowhere_are_refused(run):
     assert (code, "no other branch is found at mode_change friction = 0.91412" in err) == (4, True)
     code, _, err = run("continue", "branch@special.1", *other)
     assert (code, "no other branch begins at a special point of type end" in err) == (3, True)
-    code, _, err = run("continue", "elsewhere@special.0", *other)
-    assert (code, "contains no branch" in err) == (6, True)
     code, _, err = run(*COMMAND, "--follow", "folds=2")
     assert (code, "doublings=N, branch_points=N, mode_changes=N" in " ".join(err.split())) == (2, True)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("branch")
+def test_a_trace_is_printed_as_it_is_on_the_disk_goes_on_with_more_points_and_refuses_other_starts(run):
+    code, out, _ = run(*TRACE, "--json", "--max-points", "4")
+    printed = records(out)
+    assert code == 0
+    assert printed == list(read_lines(Path("trace") / TRACE_FILE))[1:]
+    *points, end = printed
+    assert [point["index"] for point in points] == [0, 1, 2, 3]
+    assert [*points[0]["values"]] == ["friction", "walker.slope"]
+    assert points[0]["values"]["friction"] == pytest.approx(0.914120783896, abs=1e-9)
+    assert points[0]["verification"]["passed"]
+    assert (end["record"], end["type"], end["open"], end["codimension"]) == ("special", "end", True, 1)
+    more = records(run(*TRACE, "--json", "--max-points", "6")[1])
+    assert more[:4] == points
+    assert len(more) == 7
+    code, out, _ = run(*TRACE, "--max-points", "6")
+    assert "friction from" in out
+    assert "run: trace" in out
+    code, _, err = run("trace", "trace@special.0", "--param", "walker.slope", "--to", "0.2")
+    assert (code, "no other curve begins at a special point of type end" in err) == (3, True)
+    code, _, err = run("trace", "branch@special.7", "--param", "walker.slope", "--to", "0.2")
+    assert (code, "has no special point '7'" in err) == (2, True)
+    code, _, err = run(*TRACE[:5], "0.3", *TRACE[6:])
+    assert (code, "contains another trace" in err) == (6, True)

@@ -2,9 +2,7 @@
 
 import io
 import json
-import sys
 from contextlib import redirect_stderr, redirect_stdout
-from itertools import product
 from pathlib import Path
 
 import pytest
@@ -13,13 +11,12 @@ from samples import sampled
 
 from gaitopt import __version__, load_problem, parse_problem, problem_names
 from gaitopt.cli.main import main
-from gaitopt.cli.terminal import NARROWEST_WIDTH, console
 from gaitopt.errors import printable
 
 ATTACK = "\x1b]0;title\x07\x1b[31mred\x9b2J\r\x08\x7f‮⁦ 한국 ñ\n\ttab"
 SHOWN = r"\x1b]0;title\x07\x1b[31mred\x9b2J\r\x08\x7f\u202e\u2066 한국 ñ" + "\n\ttab"
 PROBLEM = """name: "evil\\e[31m"
-about: "\\e]0;owned\\a and \\e[2J"
+about: ATTACK
 walker: {model: rimless_wheel, spokes: 6, radius: 1, mass: 1, inertia_ratio: 0.5, gravity: 9.81, slope: 13 deg}
 friction: 1.0
 control: {type: none}
@@ -35,71 +32,48 @@ def test_control_characters_and_lone_surrogates_are_shown_as_escapes(text, shown
     assert printable(text) == shown
 
 
-@pytest.mark.parametrize("terminal", [True, False])
-def test_console_shows_them_in_texts_and_tables(terminal, monkeypatch):
-    from gaitopt.show.tables import table
-
+def on_screen(terminal, *command):
+    """What a terminal or a pipe gets on stdout."""
     written = io.StringIO()
     written.isatty = lambda: terminal
-    monkeypatch.setattr(sys, "stdout", written)
-    monkeypatch.setenv("TERM", "dumb")  # no styles, which are sequences of their own
-    monkeypatch.setenv("COLUMNS", "200")
-    results = console(stderr=False)
-    results.print(ATTACK)
-    results.print(table(("a\x1b[1m", "b"), [("\x1b[31mred", "\x07")]))
-    assert not set(written.getvalue()) & set("\x1b\x07\x9b\r\x08\x7f‮⁦")
-    assert r"\x1b[31mred" in written.getvalue()
+    with redirect_stdout(written):
+        main(command)
+    return written.getvalue()
 
 
-WIDTHS = ("0", "-5", "abc", "", "\u0663", "9" * 200)
-
-
-@pytest.mark.parametrize(("columns", "terminal"), sampled(product(WIDTHS, (True, False))))
-def test_a_width_that_is_none_hides_nothing(columns, terminal, monkeypatch):
-    written = io.StringIO()
-    written.isatty = lambda: terminal
-    monkeypatch.setattr(sys, "stdout", written)
+@pytest.mark.parametrize("columns", sampled(["1", "-5", "abc", "0", "", "\u0663", "9" * 200], 3))
+def test_a_width_that_is_none_or_too_small_hides_nothing(columns, monkeypatch):
     monkeypatch.setenv("TERM", "dumb")
     monkeypatch.setenv("COLUMNS", columns)
-    assert main(["list"]) == 0
-    assert "\nrabbit-hzd-slip " in written.getvalue()
+    for terminal in (True, False):
+        assert ("\nrabbit-h" if columns == "1" else "\nrabbit-hzd-slip ") in on_screen(terminal, "list")
 
 
-def test_the_narrowest_width_has_room_for_a_column(monkeypatch):
-    monkeypatch.setenv("COLUMNS", "1")
-    assert console(stderr=False).width == NARROWEST_WIDTH
-
-
-@pytest.mark.usefixtures("empty_folder")
+@pytest.mark.parametrize("terminal", [True, False])
 @pytest.mark.parametrize(
     ("command", "options"),
     [("show", ()), ("validate", ()), ("solve", ("--json",)), ("solve", ()), ("simulate", ()),
-     ("validate", ("--set", "objective=\x1b[31m"))],
+     ("validate", ("--set", "objective=\x1b[31m", "--debug"))],
 )  # fmt: skip
-def test_commands_print_no_sequence_of_a_problem_file(run, empty_folder, command, options):
-    (empty_folder / "evil.yaml").write_text(PROBLEM)
-    _, out, err = run(command, "evil.yaml", *options)
-    assert not set(out + err) & set("\x1b\x07")
+def test_commands_print_no_sequence_of_a_problem_file(empty_folder, capsys, monkeypatch, command, options, terminal):
+    (empty_folder / "evil.yaml").write_text(PROBLEM.replace("ATTACK", json.dumps(ATTACK)))
+    monkeypatch.setenv("TERM", "dumb")  # no styles, which are sequences of their own
+    printed = on_screen(terminal, command, "evil.yaml", *options) + capsys.readouterr().err
+    assert not set(printed) & set("\x1b\x07\x9b\r\x08\x7f‮⁦")
+    assert r"\x1b[31m" in printed or r"\u001b[31m" in printed
 
 
-@pytest.mark.usefixtures("empty_folder")
-def test_a_file_with_a_sequence_where_a_name_belongs_is_refused_in_print(run, empty_folder):
-    (empty_folder / "evil.yaml").write_text(PROBLEM + 'objective: "\\e[31mred"\n')
-    code, _, err = run("validate", "evil.yaml", "--debug")
-    assert code == 3
-    assert "\x1b" not in err
-    assert r"\x1b[31mred" in err
-
-
-@pytest.mark.parametrize("columns", sampled(["40", "160", "80", "60"]))
-def test_no_word_of_the_list_is_lost_however_narrow_the_terminal(run, monkeypatch, columns):
+@pytest.mark.parametrize("columns", sampled(["40", "160", "80", "50"]))
+def test_no_word_is_lost_however_narrow_the_terminal(run, monkeypatch, columns):
     monkeypatch.setenv("COLUMNS", columns)
-    _, out, _ = run("list")
-    assert max(map(len, out.splitlines())) <= int(columns)
-    words = set(out.split())
+    printed = {command: run(*command)[1] for command in (("list",), ("show", "compass-pd-impact-slip"))}
+    assert max(len(line) for out in printed.values() for line in out.splitlines()) <= int(columns)
+    listed, shown = (set(out.split()) for out in printed.values())
     for name in problem_names():
         problem = load_problem(name)
-        assert {name, problem.walker.model, *problem.about.split()} <= words
+        assert problem.about
+        assert {name, problem.walker.model, *problem.about.split()} <= listed
+    assert {"leg_length", "dtheta1", "slip_forward", "compass-passive-b"} <= shown
 
 
 def test_the_list_says_what_is_known_of_gaits_in_the_store(run, empty_folder, monkeypatch):
@@ -117,7 +91,6 @@ def test_show_prints_the_file_as_it_is(run):
     assert code == 0
     assert parse_problem(text).digest == load_problem("compass-passive-a").digest
     assert "# m, from the foot" in text
-    assert run("show", "compass-passive-a", "--format", "yaml", "--set", "friction=0.2")[0] == 2
 
 
 def test_a_gait_is_printed_whole_on_fifty_columns(run, monkeypatch, empty_folder):
@@ -201,10 +174,7 @@ def test_every_command_works_with_any_encoding_of_its_output(encoding):
     assert about in (Path("ü") / "report.html").read_text(encoding="utf-8")
 
 
-def test_many_parameters_are_folded_unless_all_are_asked_for(capsys):
-    assert main(["show", "rabbit-hzd"]) == 0
-    assert "its parameters 26 --all lists them" in " ".join(capsys.readouterr().out.split())
-    assert main(["show", "rabbit-hzd", "--all"]) == 0
-    assert "reference.swing_knee.5" in capsys.readouterr().out
-    assert main(["show", "compass-torque-stick"]) == 0
-    assert "hip" in capsys.readouterr().out
+def test_many_parameters_are_folded_unless_all_are_asked_for(run):
+    assert "its parameters 26 --all lists them" in " ".join(run("show", "rabbit-hzd")[1].split())
+    assert "reference.swing_knee.5" in run("show", "rabbit-hzd", "--all")[1]
+    assert "hip" in run("show", "compass-torque-stick")[1]

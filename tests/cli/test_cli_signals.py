@@ -74,20 +74,25 @@ BASIN = ("basin", WHEEL, "--over", "dtheta=0.4:1.4:100000", "--engine", "scipy",
         pytest.param(SWEEP, signal.SIGINT, 130, id="sweep-interrupted"),
         pytest.param(BASIN, signal.SIGTERM, 143, id="basin-terminated", marks=pytest.mark.slow),
         pytest.param(SWEEP, signal.SIGTERM, 143, id="sweep-terminated", marks=pytest.mark.slow),
+        pytest.param((*SWEEP, "--workers", "2"), signal.SIGINT, 130, id="workers-interrupted", marks=pytest.mark.slow),
         pytest.param(BASIN, signal.SIGINT, 130, id="basin-interrupted", marks=pytest.mark.slow),
     ],
 )
-def test_one_process_ends_at_once_and_keeps_what_is_finished(empty_folder, command, signum, code):
+def test_a_command_and_its_workers_end_at_once_in_silence_and_keep_what_is_done(empty_folder, command, signum, code):
+    """Ctrl-C of a terminal goes to all processes of the command."""
     begun = {"sweep": "jobs.jsonl", "basin": "basin-*", "attractors": "attractors-*/settled.jsonl"}[command[0]]
-    process = subprocess.Popen([sys.executable, "-m", "gaitopt", *command], stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gaitopt", *command], start_new_session=True, stderr=subprocess.PIPE, text=True
+    )
     until = time.monotonic() + 100
     while not any(path.is_dir() or path.read_text() for path in empty_folder.glob(f"run/{begun}")):
         assert time.monotonic() < until
         time.sleep(0.05)
-    process.send_signal(signum)
+    os.killpg(process.pid, signum)
     before = os.times().elapsed
     words = process.communicate(timeout=60)[1]
     assert process.returncode == code, words
     assert os.times().elapsed - before < 2 * max(1.0, os.getloadavg()[0])  # two seconds where a core is free
+    assert "Traceback" not in words
     assert words.splitlines()[-1] == {130: "gaitopt: interrupted", 143: "gaitopt: terminated"}[code]
     assert not (empty_folder / "run" / ".writer").exists()

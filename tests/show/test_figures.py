@@ -25,19 +25,15 @@ from gaitopt.simulation.outcomes import ENDINGS
 FRICTION = Parameter(key="friction")
 
 
-def figures():
+@pytest.fixture(scope="module")
+def drawn():
     results = {name: figures_of(gait(name)) for name in SEQUENCES if name != "compass-passive-b"}
     results["both"] = figures_of([gait("compass-passive-a"), gait("compass-passive-b")])
     gaits = [((word, name), result.draw(word)) for name, result in results.items() for word in result.usual]
     shown = branch_figures(gait("compass-passive-a").problem, "friction", branch())
     paths = [(word, shown.draw(word)) for word in ("multipliers", "spectral_radius")]
     front = pareto_front({"front": [record for record in branch() if record["record"] == "point"]}, "speed", "period")
-    return dict([*gaits, *paths, ("front", front)])
-
-
-@pytest.fixture(scope="module")
-def drawn():
-    every = figures()
+    every = dict([*gaits, *paths, ("front", front)])
     for figure in every.values():
         figure.canvas.draw()
     return every
@@ -187,13 +183,6 @@ def test_a_way_to_fail_has_its_colour_in_every_basin():
     assert len(set(FAILURES)) == len(FAILURES) == len(ENDINGS) + 1  # and those without an end
 
 
-def test_unstable_gaits_of_a_front_are_hollow():
-    points = [record for record in branch() if record["record"] == "point"]
-    axes = pareto_front({"front": points}, "speed", "period").axes[0]
-    faces = [line.get_markerfacecolor() for line in axes.lines if line.get_marker() == "o"]
-    assert faces.count("white") == 3
-
-
 @pytest.mark.parametrize("extension", ["svg", "png", pytest.param("pdf", marks=pytest.mark.slow)])
 def test_the_same_gait_gives_the_same_bytes(tmp_path, extension):
     shown = [gait("rimless-wheel-slip")]
@@ -288,11 +277,14 @@ def test_the_stable_line_reaches_the_bifurcation_and_a_requested_end_is_not_mark
     assert [text.get_text() for text in figure.axes[0].texts] == ["0.1125"]
 
 
-def test_requests_without_a_design_are_ticks_with_their_reason():
-    records = [record | {"objective": 0.1, "pareto": True} for record in branch() if record["record"] == "point"]
+def test_unstable_gaits_of_a_front_are_hollow_and_requests_without_a_design_are_ticks_with_their_reason():
+    points = [record | {"objective": 0.1, "pareto": True} for record in branch() if record["record"] == "point"]
+    axes = pareto_front({"front": points}, "speed", "period").axes[0]
+    faces = [line.get_markerfacecolor() for line in axes.lines if line.get_marker() == "o"]
+    assert faces.count("white") == 3
     reason = "speed at least 9 m/s conflicts with the impact, whose lift velocity would be negative: best reached 0.53"
     failed = {"value": 9.0, "objective": None, "status": "infeasible", "message": reason}
-    figure = front_figure(gait("compass-passive-a").problem, "constraints.speed.min", [*records, failed])
+    figure = front_figure(gait("compass-passive-a").problem, "constraints.speed.min", [*points, failed])
     assert f"infeasible: {reason}" in [text.replace("\n", " ") for text in words_of(figure)]
 
 

@@ -1,6 +1,5 @@
 """Movies of moving walkers, and figures in the axes and the style of the reader."""
 
-from inspect import signature
 from math import ceil
 
 import matplotlib.pyplot as plt
@@ -192,14 +191,6 @@ def test_a_figure_with_several_panels_asks_for_as_many_axes():
             named("slip-run").plot("force", ax=figure)
     finally:
         plt.close(figure)
-
-
-def test_every_result_with_figures_draws_into_given_axes():
-    drawn = [
-        thing for thing in (getattr(go, name) for name in dir(go)) if isinstance(thing, type) and hasattr(thing, "plot")
-    ]
-    assert {"Gait", "Walk", "Branch", "Sweep", "Basin", "Front", "Attractors"} <= {thing.__name__ for thing in drawn}
-    assert all("ax" in signature(plot).parameters for plot in (go.plot, *(thing.plot for thing in drawn)))
 
 
 def test_figures_follow_the_style_sheet_of_the_reader():

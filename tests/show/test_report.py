@@ -22,18 +22,14 @@ def data_of(page):
     return json.loads(gzip.decompress(base64.b64decode(packed)))
 
 
-def pages():
+@pytest.fixture(scope="module")
+def written():
     problem = gait("compass-passive-a").problem
     return {
         "gait": comparison_report([gait("compass-passive-a")]),
         "two": comparison_report([gait("compass-passive-a"), gait("compass-pd-impact-slip")]),
         "branch": branch_report(problem, "friction", branch()),
     }
-
-
-@pytest.fixture(scope="module")
-def written():
-    return pages()
 
 
 def test_a_page_names_no_address(written):

@@ -27,7 +27,7 @@ def restored(gait, tmp_path_factory):
     return restore_gait(folder)
 
 
-def test_arcs_come_back_to_the_last_digit(gait, restored):
+def test_a_restored_gait_has_the_same_problem_the_same_arcs_to_the_last_digit_and_passes_verification(gait, restored):
     for ours, theirs in zip(gait.arcs, restored.arcs, strict=True):
         assert (ours.mode, ours.segment) == (theirs.mode, theirs.segment)
         np.testing.assert_array_equal(ours.times, theirs.times)
@@ -36,12 +36,8 @@ def test_arcs_come_back_to_the_last_digit(gait, restored):
     known, undefined = ({k: v for k, v in gait.measures.items() if (v is None) is none} for none in (False, True))
     assert {name: restored.measures[name] for name in known} == pytest.approx(known, rel=1e-12)
     assert {name: restored.measures[name] for name in undefined} == undefined
-
-
-def test_a_restored_gait_passes_the_same_verification_and_has_the_same_problem(gait, restored):
     assert verify(restored).passed
-    assert restored.problem.digest == gait.problem.digest
-    assert restored.problem.text == gait.problem.text
+    assert (restored.problem.digest, restored.problem.text) == (gait.problem.digest, gait.problem.text)
 
 
 def test_time_runs_on_over_the_steps_of_a_walk(gait):

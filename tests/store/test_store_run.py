@@ -109,23 +109,22 @@ def test_a_foreign_folder_is_refused_and_left_alone(tmp_path):
         Run(tmp_path).read_result()
 
 
-def test_a_newer_run_is_named_and_left_alone(folder):
-    manifest = json.loads((folder / "manifest.json").read_text())
-    (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 3, "hash": {"sha3": "0"}}))
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"schema": 3, "hash": {"sha3": "0"}}, r"newer gaitopt \(schema 3"),
+        ({"schema": 1, "files": None, "checksum": None}, r"older gaitopt, without checksums \(schema 1\)"),
+    ],
+)
+def test_a_newer_or_older_run_is_named_and_left_alone(folder, changes, words):
+    manifest = json.loads((folder / "manifest.json").read_text()) | changes
+    manifest = {key: value for key, value in manifest.items() if value is not None}
+    (folder / "manifest.json").write_text(json.dumps(manifest))
     before = contents(folder)
-    with pytest.raises(StorageError, match=r"newer gaitopt \(schema 3"):
-        Run(folder).read_result()
-    with pytest.raises(StorageError, match="newer gaitopt"):
-        written(folder)
+    for use in (Run.read_result, lambda run: written(run.folder)):
+        with pytest.raises(StorageError, match=words):
+            use(Run(folder))
     assert contents(folder) == before
-
-
-def test_a_run_without_checksums_is_refused(folder):
-    manifest = json.loads((folder / "manifest.json").read_text())
-    del manifest["files"], manifest["checksum"]
-    (folder / "manifest.json").write_text(json.dumps(manifest | {"schema": 1}))
-    with pytest.raises(StorageError, match=r"older gaitopt, without checksums \(schema 1\)"):
-        Run(folder).read_result()
 
 
 @pytest.mark.parametrize(
@@ -176,7 +175,10 @@ def test_an_altered_file_is_named_with_its_line_and_left_alone(folder, name, cha
         ("gait.json", "[]", "not a JSON object"),
         ("gait.json", "[" * 100_000, "nested too deeply"),
         ("resolved.json", "\0", "not JSON"),
-        ("trajectory.csv", "t,mode,theta\n0.0,stick\n", "line 2 has 2 cells"),
+        ("gait.json", '{"a": %s}' % ("1" * 5000), "not JSON"),
+        ("trajectory.csv", "t,mode,theta\n0.0,stick,0\n2", "line 3 has 1 cells"),
+        ("trajectory.csv", "t,mode,theta\n0.0,stick,l\n", "line 2: .*'l'"),
+        ("trajectory.csv", "t,mode,theta\n0.0,stick,nan\n", "line 2: .*finite"),
         ("trajectory.csv", b"\xff\n", "not UTF-8 text"),
     ],
 )

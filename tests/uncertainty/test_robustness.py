@@ -1,9 +1,6 @@
 """Every figure of the robustness of a gait is what plain simulation, or a closed form, says."""
 
 import json
-import subprocess
-import sys
-import time
 from itertools import chain, product, repeat
 from math import asin, cos, pi, sin, sqrt
 from pathlib import Path
@@ -14,11 +11,10 @@ import pytest
 from named import named
 from samples import sampled
 from scipy.optimize import brentq
-from typer.testing import CliRunner
 
 import gaitopt as go
 from gaitopt import Floor, load_problem, load_run, robustness, simulate, solve, verify
-from gaitopt.cli.main import app, main
+from gaitopt.cli.main import main
 from gaitopt.errors import GaitoptError, ProblemError
 from gaitopt.gait.measures import measure
 from gaitopt.problem.floor import QUANTITIES, RandomFloor
@@ -391,21 +387,18 @@ def test_the_range_has_a_stable_gait_everywhere_inside_and_none_just_outside():
 
 
 @needs_heyoka
-def test_the_command_prints_the_stated_keys_and_resumes(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    arguments = ["robustness", "rimless-wheel-stick", "--what", "push,sensitivity", "--random",
-                 "friction=0.3:2", "--walks", "20", "--steps", "50", "--workers", "1", "--json", "--quiet"]  # fmt: skip
-    first = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / "run")])
-    assert first.exit_code == 0, first.stderr
-    record = json.loads(first.stdout)
+def test_the_command_prints_the_stated_keys_and_resumes(run, empty_folder):
+    arguments = ["robustness", "rimless-wheel-stick", "--what", "push,sensitivity", "--random", "friction=0.3:2",
+                 "--walks", "20", "--steps", "50", "--workers", "1", "-o", "run", "--json", "--quiet"]  # fmt: skip
+    code, out, _ = run(*arguments)
+    record = json.loads(out)
+    assert code == 0
     assert {"problem", "push", "nearest", "sensitivity", "run"} == {*record}
     assert {*record["push"]} == {"dtheta"}
     assert {*record["sensitivity"]["height"]} == {*OUTPUTS}
-    again = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / "run")])
-    assert again.exit_code == 0, again.stderr
-    assert json.loads(again.stdout) == record
-    page = CliRunner().invoke(app, ["report", record["run"]])
-    assert page.exit_code == 0, page.stderr
+    code, again, _ = run(*arguments)
+    assert (code, json.loads(again)) == (0, record)
+    assert run("report", record["run"])[0] == 0
     text = (Path(record["run"]) / "report.html").read_text()
     assert "norm from height to period" in text
     assert "data:image/svg+xml" in text
@@ -433,7 +426,6 @@ def test_wrong_questions_are_refused(make, words, code, tmp_path, monkeypatch):
         make()
     assert words in str(error.value)
     assert error.value.exit_code == code
-    assert go.Robustness
 
 
 def test_falls_that_an_earlier_version_stored_as_one_figure_are_read():
@@ -443,32 +435,6 @@ def test_falls_that_an_earlier_version_stored_as_one_figure_are_read():
     assert "6783" in result.report().text
     with pytest.raises(ProblemError, match="only patches and pushes have figures"):
         result.plot()
-
-
-@needs_heyoka
-@pytest.mark.slow
-def test_a_killed_command_resumes_with_equal_results(tmp_path):
-    program = [sys.executable, "-c", "from gaitopt.cli.main import main; raise SystemExit(main())"]
-    arguments = ["robustness", "rimless-wheel-stick", "--what", "push,sensitivity,falls", "--random", "friction=0.3:2",
-                 "--walks", "1200", "--steps", "60", "--workers", "2", "--json", "--quiet", "-o"]  # fmt: skip
-    process = subprocess.Popen([*program, *arguments, str(tmp_path / "killed")], stdout=subprocess.DEVNULL)
-    while process.poll() is None and not any(
-        file.read_text().count("\n") >= 2 for file in (tmp_path / "killed").glob("robustness-*/figures.jsonl")
-    ):
-        time.sleep(0.01)
-    assert process.poll() is None, "the command had ended before it could be killed"
-    process.kill()
-    process.wait()
-    (file,) = (tmp_path / "killed").glob("robustness-*/figures.jsonl")
-    finished = file.read_text().splitlines()[:2]
-    records = []
-    for folder in ("killed", "whole"):
-        run = subprocess.run([*program, *arguments, str(tmp_path / folder)], capture_output=True, text=True, check=True)
-        records.append(json.loads(run.stdout))
-        assert (tmp_path / folder).name in records[-1].pop("run")
-    assert file.read_text().splitlines()[:2] == finished
-    assert records[0] == records[1]
-    assert records[0]["falls"]["walks"] == 1200
 
 
 @needs_heyoka

@@ -3,10 +3,7 @@
 import os
 import random
 import signal
-import subprocess
-import sys
 import threading
-import time
 from collections import Counter
 
 import psutil
@@ -106,34 +103,22 @@ def test_table_of_a_sweep_is_the_same_though_workers_are_killed(tmp_path):
     assert sorted(keys) == sorted({job.key for job in killed.jobs})
 
 
-@pytest.mark.slow
-def test_interrupted_workers_end_soon_in_silence_and_what_is_finished_is_kept(tmp_path):
-    """Ctrl-C of a terminal goes to all processes of the command."""
-    command = ["sweep", "rimless-wheel-slip", "--over", "friction=0.3:0.5:500", "--workers", "2", "-o", str(tmp_path)]
-    sweep = subprocess.Popen(
-        [sys.executable, "-m", "gaitopt", *command], start_new_session=True, stderr=subprocess.PIPE, text=True
-    )
-    lines = tmp_path / SOLVED.name
-    until = time.monotonic() + 60
-    while not (lines.exists() and lines.read_text()) and time.monotonic() < until:
-        time.sleep(0.05)
-    os.killpg(sweep.pid, signal.SIGINT)
-    began = time.monotonic()
-    words = sweep.communicate(timeout=30)[1]
-    assert sweep.returncode == 130
-    assert time.monotonic() - began < 10  # a second where the machine is free
-    assert words.splitlines()[-1] == "gaitopt: interrupted"
-    assert "Traceback" not in words
-    assert list(read_lines(lines))
-
-
-def assert_interrupt_waits(press):
+@pytest.mark.parametrize("hears", ["this thread", "another"])
+def test_interrupt_waits_while_workers_start(hears):
     """Ctrl-C inside the block is heard of after it; ``os.kill`` would leave open which thread hears of it, and when."""
-    seen, handler = [], signal.getsignal(signal.SIGINT)
+    inside, handler = threading.Event(), signal.getsignal(signal.SIGINT)
+    other = threading.Thread(target=lambda: inside.wait() and signal.raise_signal(signal.SIGINT))
+    if hears == "another":
+        other.start()  # before the block, in which threads start with the signal blocked
+    seen = []
 
     def start():
         with uninterrupted():
-            press()
+            if hears == "another":
+                inside.set()
+                other.join()
+            else:
+                signal.raise_signal(signal.SIGINT)
             seen.append("the end of the block")
 
     with pytest.raises(KeyboardInterrupt):
@@ -141,22 +126,6 @@ def assert_interrupt_waits(press):
     assert seen
     assert signal.getsignal(signal.SIGINT) is handler
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
-
-
-def test_interrupt_waits_while_workers_start():
-    assert_interrupt_waits(lambda: signal.raise_signal(signal.SIGINT))
-
-
-def test_interrupt_that_another_thread_hears_of_waits_while_workers_start():
-    inside = threading.Event()
-    other = threading.Thread(target=lambda: inside.wait() and signal.raise_signal(signal.SIGINT))
-    other.start()  # before the block, in which threads start with the signal blocked
-
-    def press():
-        inside.set()
-        other.join()
-
-    assert_interrupt_waits(press)
 
 
 def test_job_that_kills_its_workers_is_set_aside_and_the_others_are_done(tmp_path):
@@ -195,11 +164,3 @@ def test_scheduler_that_does_not_answer_is_named(monkeypatch):
     monkeypatch.setattr("gaitopt.workers.cluster.CONNECT_TIMEOUT", 0.5)
     with pytest.raises(UnknownNameError, match=r"scheduler tcp://127.0.0.1:9 does not answer"):
         list(run_jobs(work, [Job(key="a", argument=None)], Workers(scheduler="tcp://127.0.0.1:9")))
-
-
-def test_existing_scheduler_is_used(tmp_path):
-    from distributed import LocalCluster
-
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", silence_logs=50) as cluster:
-        jobs = [Job(key="a", argument=(6, str(tmp_path / "diary"), False))]
-        assert dict(run_jobs(work, jobs, Workers(scheduler=cluster.scheduler_address))) == {"a": 36}
