@@ -131,8 +131,9 @@ def test_a_file_of_lines_that_is_deleted_while_it_grows_is_noticed(tmp_path, del
         path.unlink()
         if deleted == "replaced":
             path.write_text("")
-        with pytest.raises(StorageError, match="was deleted or replaced while this command was writing it"):
+        with pytest.raises(StorageError, match="was deleted or replaced while this command was writing it") as refused:
             lines.append({"index": 1})
+    assert refused.value.exit_code == 6
 
 
 @pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")

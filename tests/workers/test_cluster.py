@@ -118,6 +118,19 @@ def test_workers_do_not_start_the_script_of_their_caller_again(monkeypatch):
     assert main.__file__ == "script.py"
 
 
+@pytest.mark.slow
+def test_results_of_a_busy_machine_are_complete(tmp_path):
+    """Twice as many busy loops as cores."""
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * (os.cpu_count() or 1))]
+    try:
+        jobs = [Job(key=str(k), argument=k) for k in range(20)]
+        assert dict(run_jobs(slow_square, jobs, Workers(count=2))) == {str(k): k**2 for k in range(20)}
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
 @pytest.mark.parametrize(
     "address", ["ucx://host:1", "tls://", "tcp://", "foo://x:2", "inproc://x", "host", "tcp://host:99999", ""]
 )
