@@ -101,7 +101,7 @@ def _is_free(value: Any) -> bool:
 def _entries(nested: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, str], Any]]:
     """Every entry of nested gains: the key of its parameter with the name of its coordinate, and its value."""
     for key, value in nested.items():
-        if isinstance(value, Mapping) and not _is_free(value):
+        if isinstance(value, Mapping) and value and not _is_free(value):
             yield from _entries(value, (*path, key))
         else:
             yield (".".join(path), key), value
