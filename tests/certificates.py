@@ -4,14 +4,22 @@ import json
 from copy import deepcopy
 from functools import cache, reduce
 
-from flint import ctx
+from flint import arb, ctx
 from named import named
 
 from gaitopt import prove, solve
+from gaitopt.problem.writing import write_problem
 from gaitopt.proof.arithmetic import PRECISION
-from gaitopt.proof.certificate import read_certificate, sha256
+from gaitopt.proof.certificate import SCHEMA, ProblemRecord, read_certificate, sha256
 from gaitopt.proof.check import check
 from gaitopt.proof.statement import restore_statement
+
+
+class BALLS:
+    """Functions of balls, by the names of NumPy's."""
+
+    sin, cos, sqrt, exp = arb.sin, arb.cos, arb.sqrt, arb.exp
+    pi = arb.pi()
 
 
 @cache
@@ -51,6 +59,10 @@ def refusals(certificate):
     return failed(result)
 
 
+def spoiled(certificate, **changes):
+    return deepcopy(dict(certificate)) | changes
+
+
 def reworded(certificate, *changes, within=()):
     """A certificate whose text says something else, with the SHA-256 of that.
 
@@ -59,7 +71,7 @@ def reworded(certificate, *changes, within=()):
     changes : pairs of old and new words.
     within : names of problems that the text names, from the outside inwards, if the text of the last one changes.
     """
-    certificate = deepcopy(dict(certificate))
+    certificate = spoiled(certificate)
     problem = reduce(lambda outer, name: outer["problems"][name], within, certificate["problem"])
     for old, new in changes:
         assert old in problem["text"], old
@@ -77,3 +89,11 @@ def restored(certificate):
 def negated(graph):
     """A property that is a graph all of whose outputs have the other sign."""
     return property(lambda self: lambda y: [[-value for value in values] for values in graph(self)(y)])
+
+
+def without_boxes(problem, timed=()):
+    """A certificate of a problem's statement, before any arc is divided; some phases end at breakpoints."""
+    arcs = [{"phase": k, "fractions": [], "timed": k in timed} for k in range(len(problem.cycle.phases))]
+    certificate = {"schema": SCHEMA, "problem": ProblemRecord.of(write_problem(problem)).model_dump(), "intervals": {}}
+    certificate |= {"designed": {}, "law": None, "reference": None, "varied": None, "special": None, "order": 20}
+    return certificate | {"arcs": arcs, "boxes": []}

@@ -5,15 +5,19 @@ from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
+import numpy as np
 from casadi import SX, cos, norm_2, sin, vertcat
 from named import named
 
+from gaitopt import Cycle
 from gaitopt.gait.gait import Gait
 from gaitopt.model.mechanism import Body, Contact, Damper, Mechanism
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.rabbit import Rabbit
 from gaitopt.problem.problem import Problem, load_problem, parse_problem
 from gaitopt.search.solve import solve
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
 
 
 class Runner(Walker):
@@ -117,19 +121,18 @@ gait:
 """
 BOUNDERS = ("bounding", "bounding-overlap")
 SPRINGS = ("slip-walk", "slip-walk-stable")
-CATALOGUE = ("heel-toe", "heel-toe-slip", "heel-toe-impact-slip", *SPRINGS, *BOUNDERS, "crawler", "inchworm")
-NAMES = (*CATALOGUE, "run")
+NAMES = ("heel-toe", "heel-toe-slip", "heel-toe-impact-slip", *SPRINGS, *BOUNDERS, "crawler", "inchworm", "run")
 
 
 @cache
 def contact_problem(name: str) -> Problem:
-    return load_problem(name) if name in CATALOGUE else parse_problem(RUN, walkers=[Runner])
+    return parse_problem(RUN, walkers=[Runner]) if name == "run" else load_problem(name)
 
 
 @cache
 def contact_gait(name: str) -> Gait:
     """The gait of a problem, solved once."""
-    if name in CATALOGUE:
+    if name != "run":
         return named(name)
     gait = solve(contact_problem(name))
     assert gait.converged, gait.message
@@ -158,3 +161,13 @@ def with_point_feet(name: str, model: str = "stick") -> Problem:
     text = re.sub(r"phases: .*", f"phases: [{', '.join(f'{{foot: {word}}}' for word in phases)}]", text)
     text = re.sub(r"impact: (\w+)", r"impact: {foot: \1}", text).replace("model: stick", f"model: {model}")
     return parse_problem(text, walkers=[PointFeet])
+
+
+def settled(problem: Problem, steps: int) -> Gait:
+    """The gait with the modes of a walk that has settled after some steps."""
+    dynamics = problem_dynamics(problem)
+    names = dynamics.system.state_names
+    step = Simulator(dynamics).run(np.array([problem.guess.state.get(name, 0.0) for name in names]), steps).steps[-1]
+    state, durations = step.arcs[0].states[0].tolist(), [duration for _, duration in step.phases]
+    walking = problem.with_modes(Cycle((step.sequence,)), dict(zip(names, state, strict=True)), durations)
+    return solve(walking.from_guess())

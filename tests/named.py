@@ -1,8 +1,10 @@
 """Gaits of the named problems, each solved once in every process of the suite."""
 
 from functools import cache
+from math import radians
+from typing import Any
 
-from gaitopt import Gait, Verification, load_problem, solve, verify
+from gaitopt import Gait, Problem, Verification, load_problem, solve, verify
 
 
 @cache
@@ -17,3 +19,27 @@ def named(name: str) -> Gait:
 def verification(name: str) -> Verification:
     """The verification of a named problem's gait."""
     return verify(named(name))
+
+
+@cache
+def steep(name: str, degrees: float = 5.345) -> Gait:
+    """The sticking gait of a passive compass, by default just below the slope at which its period doubles."""
+    guess = {"theta1": -0.2637, "dtheta1": 0.8969, "dtheta2": 0.1533}
+    changes = {"walker.slope": radians(degrees), "friction": 0.6, "gait.guess.state": guess}
+    gait = solve(load_problem(name).replace(changes))
+    assert gait.converged, gait.message
+    return gait
+
+
+def solved(problem: Problem | str, **options: Any) -> Gait:
+    """The gait of a problem that has one."""
+    gait = solve(problem, progress=False, **options)
+    assert gait.converged, gait.message
+    return gait
+
+
+def verified(problem: Problem | str, **options: Any) -> Gait:
+    """The gait of a problem, every claim about which the simulator confirms."""
+    gait = solved(problem, **options)
+    assert [claim.words for claim in verify(gait).claims if not claim.passed] == []
+    return gait

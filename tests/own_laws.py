@@ -35,12 +35,8 @@ class DampedCompass(CompassBiped):
     @classmethod
     def mechanism(cls, q: Any, p: Any) -> Mechanism:
         """The compass with a damper between the legs."""
-        plain = CompassBiped.mechanism(q, p)
-        across = q.theta1 + q.theta2
-        return Mechanism(
-            **{name: getattr(plain, name) for name in plain.__dataclass_fields__ if name != "dampers"},
-            dampers=(Damper(coefficient=p.damping, across=across),),
-        )
+        damper = Damper(coefficient=p.damping, across=q.theta1 + q.theta2)
+        return replace(super().mechanism(q, p), dampers=(damper,))
 
 
 class MidCompass(CompassBiped):

@@ -9,7 +9,8 @@ from gaitopt.gait.measures import measure_scales
 DIMENSIONS = {
     "leg_length": (1, 0, 0), "leg_com": (1, 0, 0), "radius": (1, 0, 0), "leg_mass": (0, 0, 1), "hip_mass": (0, 0, 1),
     "mass": (0, 0, 1), "gravity": (1, -2, 0), "ankle": (2, -2, 1), "hip": (2, -2, 1), "kp": (2, -2, 1),
-    "kd": (2, -1, 1),
+    "kd": (2, -1, 1), "body_mass": (0, 0, 1), "slider_mass": (0, 0, 1), "leg_stiffness": (0, -2, 1),
+    "slider_stiffness": (0, -2, 1), "thrust": (1, -2, 1),
 }  # fmt: skip
 """Exponents of length, time and mass; angles, ratios and counts have none."""
 

@@ -99,20 +99,18 @@ def onsets(records):
     return [phases[0][1] + phases[1][1] for phases in slips]
 
 
-def test_a_switch_passes_a_kink_of_the_torques_without_a_special_point():
+@pytest.mark.parametrize(
+    ("start", "to", "changes"),
+    [
+        (problem(0.17248, "slip_forward", "stick", "slip_backward", "stick"), 0.1724, 0),
+        pytest.param(problem(0.185, "stick"), 0.168, 2, marks=pytest.mark.slow),
+    ],
+)
+def test_a_switch_passes_a_kink_of_the_torques_without_a_special_point(start, to, changes):
     """Away from the breakpoint the torques of its two sides differ, as they do at a jump."""
-    start = solve_gait(problem(0.17248, "slip_forward", "stick", "slip_backward", "stick"), kinked())
-    down = list(follow_family(start, Request(parameter="friction", to=(0.1724,), verify_every=0)))
-    assert [special.reason for special in specials(down)] == ["reached friction = 0.1724"]
-    assert onsets(down)[-1] < 0.597 < onsets(down)[0]
-    assert confirm(points(down)[-1].gait).passed
-
-
-@pytest.mark.slow
-def test_a_family_goes_on_where_a_switch_passes_a_kink():
-    down = family(solve_gait(problem(0.185, "stick"), kinked()), 0.168)
-    assert [special.type for special in specials(down)] == ["mode_change", "mode_change", "end"]
-    assert specials(down)[-1].reason == "reached friction = 0.168"
+    down = family(solve_gait(start, kinked()), to)
+    assert [special.type for special in specials(down)] == ["mode_change"] * changes + ["end"]
+    assert specials(down)[-1].reason == f"reached friction = {to}"
     assert onsets(down)[-1] < 0.597 < onsets(down)[0]
     assert all(point.gait.verification["passed"] for point in points(down))
 
@@ -133,15 +131,15 @@ def test_a_foot_that_would_slip_before_the_jump_leaves_the_breakpoint_earlier():
     system = staircase((0.58, 0.6, 0.62), -1.8, 12.6, 13.2, -1.8)
     start = solve_gait(problem(0.3, "stick", theta1=-0.13, dtheta1=0.64, dtheta2=-0.42), system)
     down = family(start, 0.153)
-    changes = specials(down)[:-1]
-    assert [sequences(special) for special in changes] == [(STICK, LATER), (LATER, AT), (AT, LATER)]
     up = family(points(down)[-1].gait, 0.3)
-    assert [sequences(special) for special in specials(up)[:-1]] == [(LATER, AT), (AT, LATER), (LATER, STICK)]
-    values, again = ([special.value for special in found] for found in (changes, specials(up)[-2::-1]))
-    assert values == pytest.approx(again, abs=1e-9)
-    assert [special.type for special in specials(up)] == ["mode_change"] * 3 + ["end"]
-    for special in specials([*down, *up]):
-        assert special.status == "converged"
+    *changes, _ = specials(down)
+    *again, end = specials(up)
+    expected = [(STICK, LATER), (LATER, AT), (AT, LATER)]
+    assert [sequences(special) for special in changes] == expected
+    assert [sequences(special) for special in again] == [pair[::-1] for pair in expected[::-1]]
+    assert [special.value for special in changes] == pytest.approx([each.value for each in again[::-1]], abs=1e-9)
+    assert [special.type for special in (*again, end)] == ["mode_change"] * 3 + ["end"]
+    assert {special.status for special in specials([*down, *up])} == {"converged"}
 
 
 @pytest.mark.slow
@@ -183,6 +181,9 @@ def test_records_tell_which_phases_end_at_a_breakpoint_and_are_read_back():
     assert special["to"]["phases"] == list(SLIPPING)
     assert special_point(gait, "friction", special).before == gait.cycle
     assert len(branch_table([record, special])[1]) == 2
+    branch = collected("friction", records)
+    assert len(branch.special("mode_change")) == 1
+    assert np.isfinite(branch.column("period")).all()
     record["phases"][0]["until"] = "touchdown"
     with pytest.raises(ValueError, match="breakpoint"):
         TypeAdapter(CheckedPoint).validate_python(record)
@@ -200,12 +201,6 @@ def test_an_interrupted_family_goes_on_with_its_timed_phases():
     done[-1]["phases"][0].pop("until")  # as if the switch were at the edge of the cone
     with pytest.raises(StorageError, match="not a gait with these phases"):
         stored_continuations(gait, "friction", resumable(done, request.exhausted))
-
-
-def test_a_branch_of_such_gaits_has_frames_and_columns():
-    branch = collected("friction", short())
-    assert len(branch.special("mode_change")) == 1
-    assert np.isfinite(branch.column("period")).all()
 
 
 def test_a_phase_that_a_breakpoint_cuts_into_short_arcs_is_a_short_phase(monkeypatch):

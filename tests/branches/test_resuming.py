@@ -8,9 +8,8 @@ from itertools import islice
 from math import radians
 
 import pytest
-from named import named
+from named import named, steep
 
-import gaitopt as go
 from gaitopt.branches import continuation as continuer
 from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
@@ -19,16 +18,6 @@ from gaitopt.store.branch import resumable, stored_continuations
 from gaitopt.verification.verify import Outcome, confirm
 
 SLOPE = "walker.slope"
-
-
-@cache
-def steep(name):
-    """The sticking passive compass just below the slope at which its period doubles."""
-    guess = {"theta1": -0.2637, "dtheta1": 0.8969, "dtheta2": 0.1533}
-    changes = {SLOPE: radians(5.345), "friction": 0.6, "gait.guess.state": guess}
-    gait = go.solve(go.load_problem(name).replace(changes))
-    assert gait.converged
-    return gait
 
 
 # Changes of modes in both directions, two targets, a doubled family, both halves of a crossing curve, and switches of
@@ -101,6 +90,7 @@ def test_a_branch_goes_on_where_more_points_are_allowed_and_is_the_same():
 
 
 def test_a_branch_that_was_out_of_time_goes_on_and_is_the_same():
+    """It goes on where a slip has just appeared: with a duration near zero a small residual is a large error of it."""
     request = BRANCHES["stick"][1]
     first = list(walked("stick", max_seconds=0.0))
     assert [record["record"] for record in first] == ["point", "special"]
@@ -108,10 +98,6 @@ def test_a_branch_that_was_out_of_time_goes_on_and_is_the_same():
     assert "limit of 0 s" in first[-1]["reason"]
     kept = resumable(first, request.exhausted)
     assert [*kept, *islice(walked("stick", kept), 5)] == whole("stick")[:6]
-
-
-def test_a_branch_goes_on_where_a_slip_has_just_appeared():
-    """Its duration is near zero there, so that a small residual leaves a large error of its end."""
     specials = [record for record in whole("stick") if record["record"] == "special"]
     assert [special["type"] for special in specials] == ["mode_change", "mode_change", "neimark_sacker", "end"]
     assert specials[-1]["bound"]

@@ -7,41 +7,30 @@ from math import radians
 
 import numpy as np
 import pytest
+from named import named, steep
 
 import gaitopt as go
 from gaitopt import Branch, Cycle, Gait, Mode, continuation
 from gaitopt.branches import continuation as walks
 from gaitopt.branches.change import exchanged_half, in_turn
 from gaitopt.branches.continuation import follow_family
-from gaitopt.branches.curve import Metric, curve_through
+from gaitopt.branches.curve import Metric
 from gaitopt.branches.request import Request
 from gaitopt.branches.switching import beginnings
 from gaitopt.errors import ProblemError
 from gaitopt.gait.branch import SpecialPoint, cascades
-from gaitopt.gait.gait import floquet_multipliers
-from gaitopt.solver.newton import Solution
-from gaitopt.solver.rollout import retraced
 from gaitopt.store.branch import resumable, stored_continuations
 from gaitopt.store.gaits import special_point
 
 DOUBLING = radians(5.34641438276)
 """Slope at which the period of the sticking compass doubles, at friction 0.6."""
 AGREEMENT = 1e-9
-SLOPE = "walker.slope"
-
-
-def sticking(name: str, degrees: float) -> Gait:
-    """The sticking gait just below its period doubling, as one step or, with the two-step problem, twice over."""
-    guess = {"theta1": -0.2637, "dtheta1": 0.8969, "dtheta2": 0.1533}
-    problem = go.load_problem(name).replace({"friction": 0.6, SLOPE: radians(degrees), "gait.guess.state": guess})
-    gait = go.solve(problem)
-    assert gait.converged, gait.message
-    return gait
+SLOPE, ATTACK = "walker.slope", "walker.attack"
 
 
 @cache
 def stick() -> Branch:
-    return continuation(sticking("compass-passive-stick", 5.345), SLOPE, radians(5.5), max_points=4, verify_every=0)
+    return continuation(steep("compass-passive-stick"), SLOPE, radians(5.5), max_points=4, verify_every=0)
 
 
 @cache
@@ -62,50 +51,40 @@ def test_a_doubled_family_begins_at_the_doubling_like_a_square_root() -> None:
     coefficients = amplitudes**2 / (near.values - DOUBLING)
     assert coefficients == pytest.approx(coefficients[0], rel=0.02)
     assert np.all(near.column("spectral_radius") < 1)
-
-
-def test_gaits_of_the_doubled_family_pass_every_claim_of_the_simulator() -> None:
     gait = doubled()[-2].gait
     assert len(gait.steps) == 2
     assert go.verify(gait).passed
     assert doubled()[4].gait.verification is not None
 
 
-def test_a_gait_walked_twice_has_the_squared_multipliers() -> None:
-    gait = stick()[0].gait
-    state = dict(zip(gait.system.state_names, gait.state, strict=True))
-    problem = gait.problem.with_modes(Cycle(gait.problem.cycle.steps * 2), state)
-    metric = Metric.of(gait, 0.01)
-    twice, w = curve_through(problem, SLOPE, metric, retraced(gait, 2))
-    derivative = Solution(twice.equations, w, twice.p).return_map.by_section
-    multipliers = floquet_multipliers(derivative)
-    assert multipliers == pytest.approx(gait.multipliers**2, abs=1e-6)
+def runs() -> tuple[SpecialPoint, Gait, float]:
+    """The doubling of running, a gait of the doubled family, and an angle of attack beyond the doubling."""
+    beyond = radians(68.6)
+    (doubling,) = continuation(named("slip-run"), ATTACK, beyond, verify_every=0).special("period_doubling")
+    return doubling, continuation(doubling, ATTACK, radians(67), max_points=4, verify_every=0)[3].gait, beyond
 
 
-def check_that_halves_become_equal(start: Gait, parameter: str, to: float, doubling: SpecialPoint) -> None:
-    """The family of two steps ends at the doubling, with the cycle of one step."""
-    (end,) = continuation(start, parameter, to, verify_every=0).special("end")
+def walks_of_a_compass() -> tuple[SpecialPoint, Gait, float]:
+    """The same of the sticking compass and its slope."""
+    (doubling,) = stick().special("period_doubling")
+    return doubling, doubled()[1].gait, radians(5.2)
+
+
+@pytest.mark.parametrize(
+    ("family", "parameter"), [(runs, ATTACK), pytest.param(walks_of_a_compass, SLOPE, marks=pytest.mark.slow)]
+)
+def test_a_doubled_family_ends_where_its_halves_become_equal(family, parameter) -> None:
+    """It ends at the doubling, with the cycle of one step."""
+    doubling, start, beyond = family()
+    (end,) = continuation(start, parameter, beyond, verify_every=0).special("end")
     assert (end.type, end.status) == ("end", "converged")
     assert end.value == pytest.approx(doubling.value, abs=AGREEMENT)
     assert (end.before, end.after) == (Cycle(doubling.gait.cycle.steps * 2), doubling.gait.cycle)
 
 
-def test_a_doubled_family_ends_where_its_halves_become_equal() -> None:
-    attack = "walker.attack"
-    (doubling,) = continuation(go.solve("slip-run"), attack, radians(68.6), verify_every=0).special("period_doubling")
-    runs = continuation(doubling, attack, radians(67), max_points=4, verify_every=0)
-    check_that_halves_become_equal(runs[3].gait, attack, radians(68.6), doubling)
-
-
-@pytest.mark.slow
-def test_a_doubled_family_of_a_compass_ends_where_its_halves_become_equal() -> None:
-    (doubling,) = stick().special("period_doubling")
-    check_that_halves_become_equal(doubled()[1].gait, SLOPE, radians(5.2), doubling)
-
-
 def test_a_gait_walked_twice_meets_the_doubled_family_at_a_branch_point() -> None:
     """Its other branch has two halves: long and short steps in turn, and short and long ones."""
-    start = sticking("compass-passive-two-step", 5.345)
+    start = steep("compass-passive-two-step")
     twice = continuation(start, SLOPE, radians(5.5), max_points=4, verify_every=0)
     (crossing,) = twice.special("branch_point")
     assert crossing.value == pytest.approx(DOUBLING, abs=AGREEMENT)
@@ -129,39 +108,40 @@ def test_a_special_point_from_its_record_has_the_same_branches() -> None:
     assert points[0].value == pytest.approx(points[1].value, abs=1e-10)
 
 
-def test_special_points_without_other_branches_are_refused() -> None:
-    gait = stick()[0].gait
-    fold = SpecialPoint(branch=0, type="fold", value=float(gait.p[0]), status="converged", gait=gait)
-    with pytest.raises(ProblemError, match="no other branch begins at a special point of type fold"):
-        continuation(fold, SLOPE, 0.1)
-
-
-def test_the_gait_of_a_special_point_is_followed_in_another_parameter() -> None:
+def test_the_gait_of_a_special_point_is_followed_in_another_parameter_and_a_fold_begins_no_branch() -> None:
     (doubling,) = stick().special("period_doubling")
-    period = doubling.gait.measures["period"]
     followed = continuation(doubling, "friction", 0.5)
     assert followed.values[-1] == pytest.approx(0.5)
+    period = doubling.gait.measures["period"]
     assert followed.column("period") == pytest.approx(period, rel=1e-12)  # friction does not act on a sticking foot
+    fold = replace(doubling, type="fold")
+    with pytest.raises(ProblemError, match="no other branch begins at a special point of type fold"):
+        continuation(fold, SLOPE, 0.1)
 
 
 FEW = Request(parameter=SLOPE, to=(radians(5.5),), max_points=3, verify_every=0)
 
 
-def with_followed(start: Gait, done: list[dict[str, object]], **follow: int) -> list[dict[str, object]]:
+def with_followed(start: Gait, request: Request, done: list[dict[str, object]] = ()) -> list[dict[str, object]]:
     """Records of a family and of the other branches that begin on it that are not ``done``."""
-    records = follow_family(start, replace(FEW, follow=follow), done=stored_continuations(start, SLOPE, done))
+    records = follow_family(start, request, done=stored_continuations(start, request.parameter, done))
     return [json.loads(json.dumps(record.to_record())) for record in records]
 
 
+def resumed_whole(start: Gait, request: Request, *cuts: int) -> list[dict[str, object]]:
+    """All these records, which are the same where the walk is cut short and goes on."""
+    whole = with_followed(start, request)
+    for cut in cuts:
+        kept = resumable(whole[:cut], request.exhausted)
+        assert [*kept, *with_followed(start, request, kept)] == whole
+    return whole
+
+
 def test_a_family_with_its_doubled_family_goes_on_where_it_was_cut_short() -> None:
-    start = stick()[0].gait
-    whole = with_followed(start, [], doublings=1)
+    whole = resumed_whole(stick()[0].gait, replace(FEW, follow={"doublings": 1}), 2, -2)
     (doubling,) = (record for record in whole if record.get("type") == "period_doubling")
     assert doubling["next"] == [1]
     assert {record["branch"] for record in whole} == {0, 1}
-    for cut in (2, len(whole) - 2):
-        kept = resumable(whole[:cut], FEW.exhausted)
-        assert [*kept, *with_followed(start, kept, doublings=1)] == whole
 
 
 def test_cascade_of_records_follows_changes_of_modes() -> None:
@@ -187,13 +167,10 @@ def test_in_a_cycle_of_two_modes_in_turn_the_phases_follow_the_impacts_that_they
 
 @pytest.mark.slow
 def test_branches_that_begin_at_a_branch_point_are_followed_on_the_way() -> None:
-    start = sticking("compass-passive-two-step", 5.345)
-    whole = with_followed(start, [], branch_points=1)
+    whole = resumed_whole(steep("compass-passive-two-step"), replace(FEW, follow={"branch_points": 1}), -2)
     (crossing,) = (record for record in whole if record.get("type") == "branch_point")
     assert crossing["next"] == [1, 2]
     assert {record["branch"] for record in whole if record["record"] == "point"} == {0, 1, 2}
-    kept = resumable(whole[:-2], FEW.exhausted)
-    assert [*kept, *with_followed(start, kept, branch_points=1)] == whole
 
 
 def test_mode_sequences_that_begin_at_a_change_of_modes_are_followed_on_the_way(monkeypatch) -> None:
@@ -201,27 +178,20 @@ def test_mode_sequences_that_begin_at_a_change_of_modes_are_followed_on_the_way(
     monkeypatch.setattr(walks, "beginnings", lambda special, *place: beginnings(replace(special, after=None), *place))
     start = go.solve(go.load_problem("rimless-wheel-stick").replace({"friction": 0.93}))
     request = Request(parameter="friction", to=(0.9,), max_points=80, verify_every=0, follow={"mode_changes": 1})
-
-    def followed(done: list[dict[str, object]]) -> list[dict[str, object]]:
-        stored = stored_continuations(start, "friction", done)
-        return [json.loads(json.dumps(record.to_record())) for record in follow_family(start, request, done=stored)]
-
-    whole = followed([])
+    whole = resumed_whole(start, request, -3)
     (change,) = (record for record in whole if record.get("type") == "mode_change")
     assert change["next"] == [1, 2]
     cycles = {record["branch"]: str(Cycle.from_record(record)) for record in whole if record["record"] == "point"}
     assert cycles == {0: "stick; stick", 1: "stick, slip_forward; stick", 2: "stick, slip_forward; stick"}
     ends = [record for record in whole if record.get("type") == "end"]
     assert [(end["branch"], end["value"]) for end in ends] == [(1, 0.9), (2, 0.9)]
-    kept = resumable(whole[:-3], request.exhausted)
-    assert [*kept, *followed(kept)] == whole
 
 
 @pytest.mark.slow
 def test_cascade_of_the_sticking_compass_up_to_sixteen_steps() -> None:
     """The distances between its doublings shrink like those of the logistic map."""
     request = Request(parameter=SLOPE, to=(radians(6.1),), follow={"doublings": 4}, max_points=60)
-    records = [r.to_record() for r in follow_family(sticking("compass-passive-stick", 5.3), request)]
+    records = [r.to_record() for r in follow_family(steep("compass-passive-stick", 5.3), request)]
     (cascade,) = cascades(records)
     assert cascade.n_steps == (1, 2, 4, 8, 16)
     degrees = (5.346414382760, 5.890541453509, 5.999300700621, 6.022677632064, 6.027698959363)

@@ -4,7 +4,6 @@ import json
 import re
 from dataclasses import dataclass
 from functools import cache
-from itertools import islice
 from math import cos, radians, sin
 from types import SimpleNamespace
 
@@ -114,22 +113,21 @@ def test_monitors_have_the_values_of_those_of_a_branch():
 
 
 @pytest.mark.slow
-def test_friction_that_the_wheel_needs_to_stick_is_that_of_the_closed_form_on_every_slope():
-    begins = special("rimless-wheel-stick", "mode_change", "friction", 0.91)
-    curve = trace(begins, SLOPE, (radians(12), radians(13.4)), upper=1.6, progress=False)
+@pytest.mark.parametrize(
+    ("start", "targets", "options", "friction"),
+    [
+        (("stick", "mode_change", "friction", 0.91), (12, 13.4), {"upper": 1.6}, wheel_friction),
+        # the family ends where the slip no longer comes to rest; that end is a margin, and has a curve
+        (("slip", "end", "friction", 0.22), (13.2, 12.8), {"max_points": 12}, np.tan),
+    ],
+)
+def test_friction_of_a_wheel_is_that_of_the_closed_form_on_every_slope(start, targets, options, friction):
+    """That which it needs to stick, and that on which it slides without end."""
+    name, *place = start
+    curve = trace(special(f"rimless-wheel-{name}", *place), SLOPE, (*np.radians(targets),), progress=False, **options)
     assert len(curve) > 20
     for point in curve:
-        assert point.values["friction"] == pytest.approx(wheel_friction(point.values[SLOPE]), rel=0, abs=AGREEMENT)
-
-
-@pytest.mark.slow
-def test_the_wheel_that_slides_without_end_needs_the_tangent_of_the_slope():
-    """Its family ends where the slip no longer comes to rest; that end is a margin, and has a curve."""
-    ends = special("rimless-wheel-slip", "end", "friction", 0.22)
-    curve = trace(ends, SLOPE, (radians(13.2), radians(12.8)), progress=False, max_points=12)
-    assert len(curve) > 20
-    for point in curve:
-        assert point.values["friction"] == pytest.approx(np.tan(point.values[SLOPE]), rel=0, abs=AGREEMENT)
+        assert point.values["friction"] == pytest.approx(friction(point.values[SLOPE]), rel=0, abs=AGREEMENT)
 
 
 def crawler_friction(front, slope):
@@ -160,20 +158,6 @@ def test_friction_that_holds_the_crawler_is_that_of_the_closed_form(key, points)
 
 
 # ---- bifurcations
-
-
-@pytest.mark.slow
-def test_period_doubling_is_where_branches_in_one_parameter_have_it():
-    curve = trace(doubling(), SLOPE, radians(1.1), progress=False)
-    assert curve.values[0] == pytest.approx([0.14430218049, radians(1)], rel=0, abs=1e-10)
-    for point in curve.points[3::12]:
-        assert np.abs(point.gait.multipliers + 1).min() < 1e-10
-        assert cut(point, "friction", "period_doubling") == pytest.approx(
-            point.values["friction"], rel=0, abs=AGREEMENT
-        )
-    verified = [point.gait.verification["passed"] for point in curve if point.gait.verification is not None]
-    assert len(verified) == -(-len(curve) // 10)
-    assert all(verified)
 
 
 @pytest.mark.slow
@@ -470,10 +454,14 @@ def test_a_point_past_an_event_is_near_if_its_parameters_and_its_state_are(aside
     assert CurveWalk._is_near(walk, here, there, 1e-3) is near
 
 
-def test_a_limit_of_points_leaves_the_curve_open():
+def test_a_limit_of_points_leaves_the_curve_open_and_its_points_say_where_they_are():
     curve = trace(doubling(), SLOPE, radians(1.5), max_points=3, progress=False)
     (end,) = curve.specials
     assert (len(curve), end.type, end.open, end.bound) == (3, "end", True, False)
+    assert repr(curve).startswith("<Trace of a period_doubling over friction and walker.slope")
+    point = next(iter(curve))
+    assert isinstance(point, TracePoint)
+    assert repr(point).startswith("<TracePoint 0.0 at friction = 0.14430218")
 
 
 def test_a_bound_of_the_first_parameter_ends_the_curve_there():
@@ -508,25 +496,11 @@ def test_what_cannot_be_traced_is_refused_with_one_sentence():
         (walker, "walker.slop", 0.02, UnknownNameError, r"did you mean walker\.slope"),
         (walker, "friction", 0.2, UnknownNameError, "friction is the parameter of the branch"),
         (walker, SLOPE, here, ProblemError, "the target must be another finite value"),
-        (
-            walker,
-            "walker.gravity",
-            12.0,
-            ProblemError,
-            r"period_doubling lies at friction = 0.14430\d* whatever walker",
-        ),
+        (walker, "walker.gravity", 12.0, ProblemError, r"doubling lies at friction = 0.14430\d* whatever walker"),
         (end, SLOPE, 0.02, ProblemError, "a special point of type end has no curve"),
     ):
         with pytest.raises(error, match=words):
             trace(start, key, to, progress=False)
-
-
-def test_points_of_a_trace_say_where_they_are():
-    curve = trace(doubling(), SLOPE, radians(1.001), max_points=1, progress=False)
-    assert repr(curve).startswith("<Trace of a period_doubling over friction and walker.slope")
-    point = next(islice(curve, 1))
-    assert isinstance(point, TracePoint)
-    assert repr(point).startswith("<TracePoint 0.0 at friction = 0.14430218")
 
 
 DEG = radians(1)

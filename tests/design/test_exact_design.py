@@ -5,13 +5,22 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from casadi import MX, Function, jacobian
+from named import named, solved
+from samples import sampled
 from scipy.optimize import nnls
 
 from gaitopt import load_problem, solve, verify
 from gaitopt.design.exact import EXTREMA, RADIUS
 from gaitopt.design.neighbourhood import neighbourhood
 from gaitopt.design.sensitivity import DifferentiatedCurve, Sensitivity
-from gaitopt.design.spectral_radius import circle_inequalities, modulus_gradient
+from gaitopt.design.spectral_radius import (
+    certified_radius,
+    circle_inequalities,
+    modulus_gradient,
+    radius_gradient,
+    smoothed_radius,
+)
 from gaitopt.design.sqp import WorkRemainder, quadratic_program
 from gaitopt.gait import curves
 from gaitopt.solver.assembly import solution_of
@@ -36,6 +45,17 @@ def scalars_at(t, w, p, freed):
     moved = w.copy()
     moved[-len(freed) :] = freed
     return Sensitivity(polish(Solution(t, moved, p)))
+
+
+def test_three_moduli_meet_at_the_optimum_of_the_stable_slip_that_has_no_better_neighbour(stable_slip):
+    assert stable_slip.converged, stable_slip.message
+    assert stable_slip.solver["kkt"] < 1e-6
+    assert np.sort(np.abs(stable_slip.multipliers))[1:] == pytest.approx(0.5, abs=1e-7)
+    assert stable_slip.measures["cost_of_transport"] == pytest.approx(0.019785783, rel=1e-7)
+    assert stable_slip.spectral_radius <= 0.5 + 1e-9
+    searched = neighbourhood(stable_slip, directions=5, radii=(1e-3,))
+    assert searched.feasible > 0
+    assert searched.optimal, searched.words
 
 
 def test_exact_scalars_are_those_that_every_gait_is_measured_by(stable_slip):
@@ -105,18 +125,6 @@ def test_circle_inequalities_vanish_on_the_circle_and_are_smooth_there(coalesced
     assert rows["real"].value == pytest.approx(0.0, abs=1e-12)
     assert all(np.isfinite(row.by_matrix).all() for row in rows.values())
     assert np.linalg.norm(rows["real"].by_matrix) > 0.1
-
-
-def test_quadratic_program_is_solved_to_its_optimality_conditions():
-    rng = np.random.default_rng(2)
-    root = rng.normal(size=(6, 6))
-    H, g, A = root @ root.T + np.eye(6), rng.normal(size=6), rng.normal(size=(9, 6))
-    b = rng.uniform(-0.3, 0.3, 9)
-    d, weights = quadratic_program(H, g, A, b)
-    assert (A @ d + b).min() > -1e-10
-    assert weights.min() >= 0
-    assert np.abs(weights * (A @ d + b)).max() < 1e-9
-    assert np.abs(H @ d + g - A.T @ weights).max() < 1e-9
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -189,26 +197,11 @@ def test_a_dip_through_zero_between_the_points_of_the_grid_is_seen(depth):
     )
 
 
-def test_three_moduli_meet_at_the_optimum_of_the_stable_slip(stable_slip):
-    assert stable_slip.converged, stable_slip.message
-    assert stable_slip.solver["kkt"] < 1e-6
-    assert np.sort(np.abs(stable_slip.multipliers))[1:] == pytest.approx(0.5, abs=1e-7)
-    assert stable_slip.measures["cost_of_transport"] == pytest.approx(0.019785783, rel=1e-7)
-    assert stable_slip.spectral_radius <= 0.5 + 1e-9
-
-
 def test_least_radius_lies_where_multipliers_coalesce():
-    gait = solve(load_problem("compass-torque-stable-slip").replace({"objective": "spectral_radius"}))
-    assert gait.converged, gait.message
+    gait = solved(load_problem("compass-torque-stable-slip").replace({"objective": "spectral_radius"}))
     assert gait.solver["kkt"] < 1e-9
     assert gait.solver["objective"] == pytest.approx(0.397744938962, rel=1e-9)
     assert gait.spectral_radius == pytest.approx(gait.solver["objective"], abs=1e-4)  # the root of rounding
-
-
-def test_no_feasible_neighbour_of_an_optimum_is_better(stable_slip):
-    searched = neighbourhood(stable_slip, directions=5, radii=(1e-3,))
-    assert searched.feasible > 0
-    assert searched.optimal, searched.words
 
 
 @pytest.mark.slow
@@ -232,8 +225,7 @@ def test_a_point_beside_the_optimum_has_a_better_neighbour(stable_slip):
     ],
 )
 def test_shipped_designs_are_optima_of_the_stated_problem(name, optimum):
-    gait = solve(load_problem(name))
-    assert gait.converged, gait.message
+    gait = solved(load_problem(name))
     assert gait.solver["kkt"] < 1e-6
     assert gait.solver["objective"] == pytest.approx(optimum, rel=1e-8)
     assert verify(gait).passed
@@ -242,14 +234,88 @@ def test_shipped_designs_are_optima_of_the_stated_problem(name, optimum):
     assert searched.optimal, searched.words
 
 
-def test_quadratic_programs_of_flat_curvature_and_long_rows_are_solved():
+def test_quadratic_programs_of_flat_curvature_and_long_rows_are_solved_to_their_optimality_conditions():
     rng = np.random.default_rng(1)
     for _ in range(200):
         axes = np.linalg.qr(rng.standard_normal((5, 5)))[0]
         H = (axes * 10.0 ** rng.uniform(-6, 2, 5)) @ axes.T
         A = rng.standard_normal((12, 5)) * 10.0 ** rng.uniform(-1, 3, 12)[:, None]
         lengths = np.linalg.norm(A, axis=1)
-        b = lengths * rng.choice([1e-6, 1e-2], 12) - A @ rng.uniform(-0.02, 0.02, 5)  # feasible
-        d, weights = quadratic_program((H + H.T) / 2, rng.standard_normal(5), A, b)
+        b, g = lengths * rng.choice([1e-6, 1e-2], 12) - A @ rng.uniform(-0.02, 0.02, 5), rng.standard_normal(5)
+        d, weights = quadratic_program((H + H.T) / 2, g, A, b)  # which is feasible
         assert ((A @ d + b) / lengths).min() > -1e-8
         assert weights.min() >= 0
+        assert np.abs(weights * (A @ d + b)).max() < 1e-9
+        assert np.abs(H @ d + g - A.T @ weights).max() < 1e-9
+
+
+MATRICES = {
+    "real": np.diag([0.9, 0.3, -0.2]),
+    "complex pair": np.array([[0.4, -0.5, 0.1], [0.5, 0.4, 0.0], [0.0, 0.2, 0.1]]),
+    "defective": np.array([[0.7, 1.0, 0.0], [0.0, 0.7, 0.0], [0.0, 0.0, 0.1]]),
+    "zero multiplier": np.array([[0.8, 30.0, 0.0], [0.0, 0.0, 0.0], [5.0, 1.0, 0.2]]),
+    "nilpotent": np.array([[0.0, 40.0, 1.0], [0.0, 0.0, 3.0], [0.0, 0.0, 0.0]]),
+}
+
+
+@pytest.mark.parametrize("name", MATRICES)
+def test_certificate_bounds_the_spectral_radius_from_above_and_its_gradient_is_that_of_differences(name):
+    M = MATRICES[name]
+    (radius, P), largest = smoothed_radius(M), np.abs(np.linalg.eigvals(M)).max()
+    assert radius > largest
+    if name in ("real", "complex pair"):  # the certificate is tight where multipliers are apart
+        assert radius == pytest.approx(largest, rel=1e-5)
+    assert np.linalg.eigvalsh(P).min() > 0
+    assert np.linalg.eigvalsh(radius**2 * P - M.T @ P @ M).min() > 0
+    exact = radius_gradient(M, radius, P)
+    direction = np.random.default_rng(0).normal(size=M.shape)
+    step = 1e-6
+    difference = smoothed_radius(M + step * direction)[0] - smoothed_radius(M - step * direction)[0]
+    assert np.vdot(exact, direction) == pytest.approx(difference / (2 * step), rel=1e-3)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e3, 1e6, 1e20])
+def test_radius_of_a_very_large_nilpotent_matrix_is_found_although_rounding_makes_its_equations_singular(size):
+    radius, P = smoothed_radius(size * np.array([[1.0, 1.0], [-1.0, -1.0]]))
+    assert radius == pytest.approx(0.002 * size, rel=1e-4)
+    assert np.trace(P) == pytest.approx(1, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["compass-torque-slip", "compass-torque-impact-slip", "rimless-wheel-stick"])
+def test_gradient_in_the_unknowns_is_that_of_central_differences(name):
+    gait = named(name)
+    free = tuple(key for key in gait.system.parameters if key == "friction" or key.startswith("control."))
+    solution = solution_of(gait, free)
+    t, w = solution.equations, solution.w
+    radius = certified_radius(t)
+    symbol = MX.sym("w", w.size)
+    slope = Function("slope", [symbol], [jacobian(radius(symbol, gait.p), symbol)])
+    direction = np.random.default_rng(3).normal(size=w.size)
+    step = 1e-7
+    difference = float(radius(w + step * direction, gait.p)) - float(radius(w - step * direction, gait.p))
+    assert float(slope(w) @ direction) == pytest.approx(difference / (2 * step), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "free"),
+    sampled(
+        [
+            ("rimless-wheel-slip", ()),
+            ("compass-passive-a", ("friction",)),
+            ("compass-torque-impact-slip", ("control.ankle", "walker.slope")),
+            ("compass-pd-impact-slip", ("control.kp", "friction")),
+        ],
+        3,
+    ),
+)
+def test_it_agrees_with_that_of_the_symbols_away_from_solutions_too(name: str, free: tuple[str, ...]) -> None:
+    gait = named(name)
+    solution = solution_of(gait, free)
+    equations, w = solution.equations, solution.w
+    w *= 1 + 1e-3 * np.random.default_rng(0).uniform(-1, 1, w.size)
+    derivative = jacobian(equations.equalities, equations.w)
+    symbolic = np.asarray(Function("J", [equations.w, equations.parameters], [derivative])(w, gait.p))
+    values, found = equations.linearised(w, gait.p)
+    assert values == pytest.approx(equations.violation(w, gait.p), rel=0, abs=1e-14)
+    assert found.pattern.shape == symbolic.shape
+    assert found.dense(0, w.size) == pytest.approx(symbolic, rel=0, abs=1e-12 * np.abs(symbolic).max())

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from named import verified
 
 import gaitopt as go
 
@@ -48,9 +49,7 @@ def after_impact(gait):
 
 
 def test_a_design_finds_curves_that_the_impact_leads_back_to():
-    gait = go.solve(stated(), progress=False)
-    assert gait.converged, gait.message
-    assert go.verify(gait).passed
+    gait = verified(stated())
     assert after_impact(gait) < 1e-10
     zero = gait.to_record()["zero_dynamics"]
     assert zero["invariant"]
@@ -71,9 +70,7 @@ def test_a_design_with_slip_is_invariant_too():
     changes |= {"gait.phases": ["stick", "slip_backward"], "gait.guess.durations": [1.418, 0.0435]}
     changes |= {"objective": {"torque_squared": 1.0}}
     changes["constraints"] = {name: given.measures[name] for name in ("slip_distance", "speed")}
-    gait = go.solve(problem.replace(changes), progress=False)
-    assert gait.converged, gait.message
-    assert go.verify(gait).passed
+    gait = verified(problem.replace(changes))
     assert after_impact(gait) < 1e-10
     assert gait.measures["torque_squared"] < given.measures["torque_squared"]
 

@@ -3,25 +3,14 @@
 import casadi as ca
 import numpy as np
 import pytest
-from named import named
+from named import named, solved, verified
+from open_loop import COMPASS, solved_by_casadi
 
 import gaitopt as go
 from gaitopt.design.neighbourhood import neighbourhood
 from gaitopt.solver.collocation import Collocation
 from gaitopt.systems import build_system
 
-COMPASS = """
-name: compass-open-loop
-walker: {model: compass_biped, leg_length: 1.6, leg_mass: 4, leg_com: 0.8, hip_mass: 2, gravity: 9.8, slope: 0}
-friction: 0.12
-control: {type: open_loop, intervals: 1, order: constant, bounds: {ankle: [-5, 5], hip: [-5, 5]}}
-gait:
-  phases: [slip_forward, stick]
-  impact: slip_forward
-  guess: {state: {theta1: -0.087, dtheta1: 0.445, dtheta2: -0.492, dx: 0.084}}
-objective: cost_of_transport
-constraints: {speed: 0.4}
-"""
 RICH = COMPASS.partition("objective")[0].replace("friction: 0.12", "friction: {free: [0.1, 0.4], guess: 0.3}")
 RICH = RICH.replace("intervals: 1, order: constant", "intervals: 3, rates: {hip: 20}")
 RICH += """objective: {absolute_cost_of_transport: 1, peak_torque: 0.01, friction: 0.1}
@@ -38,9 +27,7 @@ constraints:
 
 @pytest.fixture(scope="module")
 def compass():
-    gait = go.solve(go.parse_problem(COMPASS), progress=False)
-    assert gait.converged, gait.message
-    return gait
+    return solved(go.parse_problem(COMPASS))
 
 
 def test_one_constant_interval_is_the_design_with_constant_torques_and_has_no_better_neighbour(compass):
@@ -53,7 +40,7 @@ def test_one_constant_interval_is_the_design_with_constant_torques_and_has_no_be
     assert searched.optimal, searched.words
 
 
-def test_the_optimum_is_a_gait_under_torques_that_are_fixed_in_time(compass, tmp_path):
+def test_the_optimum_is_a_gait_under_torques_that_are_fixed_in_time_and_followed_to_another_friction(compass, tmp_path):
     assert go.verify(compass).passed
     assert compass.problem.control.duration == pytest.approx(compass.period, rel=1e-8)
     assert compass.scalar("speed") == pytest.approx(0.4, rel=1e-7)
@@ -62,15 +49,10 @@ def test_the_optimum_is_a_gait_under_torques_that_are_fixed_in_time(compass, tmp
     assert loaded.problem.control == compass.problem.control
     assert go.verify(loaded).passed
     assert loaded.scalar("work") == pytest.approx(compass.scalar("work"), rel=1e-9)
-
-
-def test_its_law_can_be_followed_to_another_friction(compass, tmp_path):
-    branch = go.continuation(compass, "friction", to=0.125, output=tmp_path / "run")
-    last = branch.points[-1]
+    last = go.continuation(compass, "friction", to=0.125, output=tmp_path / "branch").points[-1]
     assert last.value == pytest.approx(0.125)
-    assert last.gait.problem.control == compass.problem.control
-    stored = go.load_run(tmp_path / "run").points[-1].gait
-    assert stored.problem.control == compass.problem.control
+    stored = go.load_run(tmp_path / "branch").points[-1].gait
+    assert last.gait.problem.control == stored.problem.control == compass.problem.control
     np.testing.assert_array_equal(stored.state, last.gait.state)
 
 
@@ -86,8 +68,7 @@ def test_more_intervals_are_never_worse():
     for intervals in (1, 2, 4):
         text = COMPASS.replace("intervals: 1", f"intervals: {intervals}").replace("cost_of_transport", "torque_squared")
         text = text.replace("speed: 0.4", "speed: 0.4, state.dx: {min: 0.05}")  # else the slip vanishes
-        gait = go.solve(go.parse_problem(text), progress=False)
-        assert gait.converged, gait.message
+        gait = solved(go.parse_problem(text))
         costs.append(gait.scalar("torque_squared"))
     assert costs[0] > costs[1] * (1 - 1e-9) > costs[2] * (1 - 2e-9)
 
@@ -130,12 +111,9 @@ def test_derivatives_of_the_program_are_those_of_central_differences():
 )
 def test_every_objective_gives_a_verified_optimum(objective):
     text = COMPASS.replace("cost_of_transport", objective).replace("constant", "linear")
-    gait = go.solve(
+    gait = verified(
         go.parse_problem(text.replace("speed: 0.4", "speed: 0.4, step_length: 0.3, state.dx: {min: 0.05}")),
-        progress=False,
     )
-    assert gait.converged, gait.message
-    assert go.verify(gait).passed
     assert gait.solver["objective"] == pytest.approx(gait.scalar(objective))
     assert gait.solver["kkt"] < 1e-8
 
@@ -154,16 +132,8 @@ def test_absolute_work_is_found_with_bounds_on_power_that_are_tight():
 
 @pytest.mark.slow
 def test_an_open_mode_sequence_leads_to_a_verified_optimum():  # not the best: a slip costs 0.4 % less
-    gait = go.solve(go.parse_problem(COMPASS).replace({"gait.phases": "auto"}), progress=False)
-    assert gait.converged, gait.message
-    assert go.verify(gait).passed
+    gait = verified(go.parse_problem(COMPASS).replace({"gait.phases": "auto"}))
     assert gait.scalar("speed") == pytest.approx(0.4, rel=1e-6)
-
-
-def solved_by_casadi(program):
-    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.tol": 1e-9, "ipopt.bound_relax_factor": 0}
-    solver = ca.nlpsol("solver", "ipopt", program.casadi(), options | program.derivatives)
-    return np.asarray(solver(**program.arguments())["x"]).ravel()
 
 
 def test_its_program_in_the_hands_of_a_user_has_the_same_optimum(compass, tmp_path):
@@ -206,9 +176,7 @@ def test_rabbit_has_the_same_optimum_by_repeated_refinement():
 
 @pytest.mark.slow
 def test_a_problem_with_every_kind_of_constraint_meets_them():
-    gait = go.solve(go.parse_problem(RICH), progress=False)
-    assert gait.converged, gait.message
-    assert go.verify(gait).passed
+    gait = verified(go.parse_problem(RICH))
     law = gait.problem.control
     assert gait.scalar("speed") > 0.4 * (1 - 1e-7)
     assert gait.scalar("required_friction") < 0.3 + 1e-7

@@ -1,8 +1,9 @@
 """The bound on the multipliers of open-loop optima: against multiple shooting, central differences and designs."""
 
-import casadi as ca
 import numpy as np
 import pytest
+from named import solved
+from open_loop import COMPASS, solved_by_casadi
 
 import gaitopt as go
 from gaitopt.design.neighbourhood import neighbourhood
@@ -10,23 +11,13 @@ from gaitopt.design.open_loop import OpenLoopOptimum, finished, optimise
 from gaitopt.design.stability import CircleRows, ReturnMap
 from gaitopt.systems import build_system
 
-COMPASS = """
-name: stable-open-loop
-walker: {model: compass_biped, leg_length: 1.6, leg_mass: 4, leg_com: 0.8, hip_mass: 2, gravity: 9.8, slope: 0}
-friction: FRICTION
-control: {type: open_loop, intervals: 3, order: ORDER, bounds: {ankle: [-5, 5], hip: [-5, 5]}}
-gait:
-  phases: [slip_forward, stick]
-  impact: slip_forward
-  guess: {state: {theta1: -0.087, dtheta1: 0.445, dtheta2: -0.492, dx: 0.084}}
-objective: torque_squared
-constraints: {speed: 0.4, state.dx: {min: 0.05}}
-"""
+BOUNDED = {"constraints.spectral_radius": {"max": 0.85}}
 
 
 def compass(*, order="constant", friction="0.12", intervals=3, **changes):
-    text = COMPASS.replace("ORDER", order).replace("FRICTION", friction)
-    return go.parse_problem(text.replace("intervals: 3", f"intervals: {intervals}")).replace(changes)
+    text = COMPASS.replace("intervals: 1, order: constant", f"intervals: {intervals}, order: {order}")
+    text = text.replace("friction: 0.12", f"friction: {friction}").replace("cost_of_transport", "torque_squared")
+    return go.parse_problem(text.replace("speed: 0.4", "speed: 0.4, state.dx: {min: 0.05}")).replace(changes)
 
 
 @pytest.mark.parametrize(("order", "friction"), [("constant", "0.12"), ("linear", "{free: [0.1, 0.12], guess: 0.11}")])
@@ -57,8 +48,7 @@ def test_the_return_map_of_a_collocation_is_that_of_the_gait(order, friction):
 
 def test_an_optimum_is_as_stable_as_its_bound():
     free = go.solve(compass(), progress=False)
-    gait = go.solve(compass(**{"constraints.spectral_radius": {"max": 0.85}}), progress=False)
-    assert gait.converged, gait.message
+    gait = solved(compass(**BOUNDED))
     assert free.spectral_radius > 0.9
     assert gait.spectral_radius == pytest.approx(0.85, abs=1e-6)
     assert gait.scalar("torque_squared") > free.scalar("torque_squared")
@@ -67,11 +57,9 @@ def test_an_optimum_is_as_stable_as_its_bound():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("bounds", [{}, {"spectral_radius": {"max": 0.85}}])
-def test_no_better_neighbour_of_an_optimum_on_several_intervals_is_found(bounds):
-    constraints = {"speed": 0.4, "state.dx": {"min": 0.05}, **bounds}
-    gait = go.solve(compass(constraints=constraints), progress=False)
-    searched = neighbourhood(gait, directions=10)
+@pytest.mark.parametrize("bound", [{}, BOUNDED])
+def test_no_better_neighbour_of_an_optimum_on_several_intervals_is_found(bound):
+    searched = neighbourhood(go.solve(compass(**bound), progress=False), directions=10)
     assert searched.optimal, searched.words
 
 
@@ -81,8 +69,7 @@ def test_one_constant_interval_is_the_stable_design_with_constant_torques(object
     constraints = {"speed": 0.4, "state.dx": {"min": 0.03}, "spectral_radius": {"max": radius}}
     changes = {"objective": objective, "constraints": constraints}
     design = go.solve(go.load_problem("compass-torque-stable-slip-cheap").replace(changes), progress=False)
-    gait = go.solve(compass(friction="{free: [0.1, 0.2], guess: 0.16}", intervals=1, **changes), progress=False)
-    assert gait.converged, gait.message
+    gait = solved(compass(friction="{free: [0.1, 0.2], guess: 0.16}", intervals=1, **changes))
     assert gait.spectral_radius == pytest.approx(radius, abs=1e-6)
     assert gait.scalar(objective) == pytest.approx(design.scalar(objective), rel=1e-6)
     assert gait.freed["friction"] == pytest.approx(design.freed["friction"], abs=1e-5)
@@ -97,9 +84,8 @@ def test_a_bound_that_is_not_met_is_named_with_the_best_value():
 
 @pytest.mark.slow
 def test_the_bound_is_a_part_of_the_program_for_users():
-    nlp = go.nlp(compass(**{"constraints.spectral_radius": {"max": 0.85}}))
+    nlp = go.nlp(compass(**BOUNDED))
     assert [label.name for label in nlp.g_labels].count("spectral_radius") == 3
-    solver = ca.nlpsol("solver", "ipopt", nlp.casadi(), nlp.derivatives | {"ipopt.print_level": 0, "print_time": False})
-    gait = nlp.gait(np.asarray(solver(**nlp.arguments())["x"]).ravel())
+    gait = nlp.gait(solved_by_casadi(nlp))
     assert gait.converged, gait.message
     assert gait.spectral_radius == pytest.approx(0.85, abs=1e-6)

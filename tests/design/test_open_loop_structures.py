@@ -1,5 +1,6 @@
 """Open-loop torques of walkers that fly, stand on massless feet, take several steps, or have several contacts."""
 
+from dataclasses import replace
 from math import pi, sin
 from types import SimpleNamespace
 from typing import Any
@@ -8,47 +9,28 @@ import pytest
 from casadi import SX, cos, vertcat
 from casadi import sin as sine
 from driven_walkers import DrivenHeelToe, DrivenHopper
+from named import verified
 
 import gaitopt as go
-from gaitopt import Walker
 from gaitopt.design.neighbourhood import neighbourhood
-from gaitopt.model.mechanism import Body, Mechanism, inclined, polar
+from gaitopt.model.mechanism import Mechanism, inclined
+from gaitopt.model.walkers.slip_runner import SlipRunner
 
 
-class TowedRunner(Walker):
-    """A point mass on massless springy legs, which a tow pulls along the ground."""
+class TowedRunner(SlipRunner):
+    """A point mass on massless springy legs, which a tow pulls along a slope; its energy is not that of a parameter."""
 
     model = "towed_runner"
-    shape = ("theta", "shortening")
-    section = ()
     section_rates = ("theta", "shortening")
-    lengths = ("shortening",)
-    flies = True
-    massless_feet = True
     actuators = ("tow",)
     external = ("tow",)
 
-    mass: float
-    leg_length: float
-    stiffness: float
-    attack: float
-    gravity: float
     slope: float
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        body = vertcat(q.x, q.y) + polar(p.leg_length - q.shortening, q.theta)
-        foot = body - polar(p.leg_length, p.attack - pi / 2)
-        return Mechanism(
-            bodies=(Body(mass=p.mass, position=body),),
-            gravity=inclined(p.gravity, p.slope),
-            swing_foot=foot,
-            touchdown=(q.y - foot[1]) / p.leg_length,
-            upright=cos(q.theta),
-            relabel=vertcat(p.attack - pi / 2, 0),
-            potential_while={"contact": p.stiffness * q.shortening**2 / 2},
-            motors=(body[0],),
-        )
+        plain = super().mechanism(q, p)
+        return replace(plain, gravity=inclined(p.gravity, p.slope), motors=(plain.bodies[0].position[0],))
 
     @classmethod
     def landing(
@@ -60,10 +42,6 @@ class TowedRunner(Walker):
         velocity = (p.leg_length - q.shortening) * dq.theta * across - dq.shortening * along
         rates = (new.T @ velocity / p.leg_length, -leg.T @ velocity)
         return (p.attack - pi / 2, 0.0), rates
-
-    @classmethod
-    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        return (p.attack - pi / 2, 0.0)
 
     @classmethod
     def rates_after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[SX, ...]:
@@ -85,7 +63,8 @@ constraints: {speed: 0.5}
 LIMPING = COMPASS.replace("other_leg_mass: 4", "other_leg_mass: 4.4")
 RUNNER = """
 name: runner
-walker: {model: towed_runner, mass: 1, leg_length: 1, stiffness: 20, attack: 1.18682, gravity: 1, slope: -0.02}
+walker: {model: towed_runner, mass: 1, leg_length: 1, stiffness: 20, attack: 1.18682, energy: 1, gravity: 1,
+  slope: -0.02}
 friction: 0.6
 control: {type: open_loop, intervals: 3}
 gait: {phases: [stick, flight], impact: stick, guess: {state: {dtheta: 1.1, dshortening: 0.6}}}
@@ -126,10 +105,7 @@ constraints: {speed: 0.55, required_friction: {max: 0.5}, min_normal_force: {min
 def optimum(text: str) -> go.Gait:
     """The verified optimum of a problem."""
     walkers = [TowedRunner, DrivenHopper, DrivenHeelToe]
-    gait = go.solve(go.parse_problem(text, walkers=walkers), progress=False)
-    assert gait.converged, gait.message
-    assert go.verify(gait).passed
-    return gait
+    return verified(go.parse_problem(text, walkers=walkers))
 
 
 def test_equal_legs_take_the_optimal_step_twice() -> None:

@@ -8,7 +8,7 @@ import json
 import re
 from copy import deepcopy
 from dataclasses import replace
-from functools import cache, reduce
+from functools import reduce
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
@@ -16,8 +16,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from certificates import certificate_of, gait, refusals, restored, reworded, through_json
+from certificates import certificate_of, gait, refusals, restored, reworded, spoiled, through_json, without_boxes
 from flint import arb, ctx
+from named import solved
 
 from gaitopt import Mode, load_problem, parse_problem, prove, solve
 from gaitopt.errors import StorageError
@@ -32,9 +33,8 @@ from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.problem.source import parse_source
-from gaitopt.problem.writing import write_problem
 from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted
-from gaitopt.proof.certificate import SCHEMA, ProblemRecord, parse_certificate, read_certificate, sha256
+from gaitopt.proof.certificate import parse_certificate, read_certificate, sha256
 from gaitopt.proof.check import BRACKETED, MARGIN_CHANGES, MOTION, check, check_box, conclude
 from gaitopt.proof.claims import (
     ProofClaim,
@@ -61,45 +61,28 @@ from gaitopt.proof.statement import restore_statement
 from gaitopt.solver.solve import solve_gait
 
 check_module = import_module("gaitopt.proof.check")
+WHEEL, TRACKED = "rimless-wheel-stick", "compass-pd-impact-slip"
+REFERENCE = ("designed", "law", "reference", "order", "arcs", "boxes")
+"""Fields of the proof of the gait that a law starts from."""
 PAGE = Path(__file__).parents[2] / "docs" / "developer" / "proof-tests.md"
 
 
-@cache
-def proved(name):
-    """The certificate of a gait, as it is read from its file."""
-    return certificate_of(name)
-
-
-@cache
 def unproved(name):
     """A certificate without boxes, whose statement is right: enough for forgeries that no box is needed to refuse."""
     solved = gait(name)
     return through_json(certificate_header(solved) | {"arcs": arc_records(arcs_of(solved))})
 
 
-@cache
 def bracket(lower="0.9141", upper="0.9142"):
     """The sticking wheel loses its grip in between, at 0.91412078; friction does not enter its motion."""
-    certificate = spoiled(proved("rimless-wheel-stick"))
+    certificate = certificate_of(WHEEL) | {"varied": "friction", "special": "mode_change"}
     (box,) = certificate["boxes"]
-    certificate |= {"varied": "friction", "special": "mode_change"}
     certificate["intervals"] = {"friction": f"{lower}..{upper}"}
     certificate["boxes"] = [box | {"interval": ends} for ends in ([lower, lower], [lower, upper], [upper, upper])]
     return certificate
 
 
-def spoiled(certificate, **changes):
-    return deepcopy(dict(certificate)) | changes
-
-
 # the control law
-
-
-@pytest.mark.slow
-def test_a_right_statement_is_rebuilt_from_its_problem():
-    for name in ("compass-torque-stick", "compass-pd-impact-slip", "compass-pd-designed"):
-        assert restored(unproved(name)).printed["mode_sequence"] == str(load_problem(name).cycle)
-        assert "no boxes" in refusals(unproved(name))["statement"]
 
 
 def test_a_law_is_that_of_its_problem_not_of_its_certificate():
@@ -115,22 +98,23 @@ def test_a_law_is_that_of_its_problem_not_of_its_certificate():
 
 def test_the_rates_of_a_tracked_curve_are_its_derivatives():
     """A certificate cannot state them; the checker derives them in balls."""
-    certificate = spoiled(unproved("compass-pd-impact-slip"))
+    certificate = unproved(TRACKED)
+    statement = restored(certificate)
+    for k, data in enumerate(statement.law.data):
+        expected = statement.system.control.data(k)
+        np.testing.assert_allclose([float(value) for value in data], expected, rtol=1e-12, atol=1e-12)
     certificate["law"]["pieces"][0]["rates"] = certificate["law"]["pieces"][0]["angles"]
     with pytest.raises(StorageError, match="rates: Extra inputs"):
         check(certificate)
-    statement = restored(unproved("compass-pd-impact-slip"))
-    control = statement.system.control
-    for k, data in enumerate(statement.law.data):
-        np.testing.assert_allclose([float(value) for value in data], control.data(k), rtol=1e-12, atol=1e-12)
+    with pytest.raises(StorageError, match="pieces"):
+        check(certificate | {"law": {"pieces": []}})
 
 
 @pytest.mark.parametrize("beyond_end", ["hold", "linear", "off"])
 def test_a_reference_ends_as_the_problem_says(beyond_end):
     """Beyond the stated pieces the checker continues it; only a motion that flows on is stated there."""
-    original = unproved("compass-pd-impact-slip")
-    certificate = reworded(original, ("beyond_end: flow", f"beyond_end: {beyond_end}"))
-    tracked = gait("compass-pd-impact-slip").system.control.reference.motion()
+    certificate = reworded(unproved(TRACKED), ("beyond_end: flow", f"beyond_end: {beyond_end}"))
+    tracked = gait(TRACKED).system.control.reference.motion()
     pieces = tracked.pieces
     last_of_gait = 2  # slip and stick; what follows is the motion that flows on
     motion = continued(tracked.names, pieces[:last_of_gait], pieces[last_of_gait].start, BeyondEnd(beyond_end))
@@ -145,34 +129,29 @@ def test_a_reference_ends_as_the_problem_says(beyond_end):
 
 def test_a_tracked_curve_is_part_of_the_printed_statement():
     """Without the proof of the gait that the problem names, nothing shows that the curve is its motion."""
-    original = unproved("compass-pd-impact-slip")
-    words = restored(original).printed
+    certificate = unproved(TRACKED)
+    words = restored(certificate).printed
     assert any("compass-passive-b" in silent for silent in words["not_proved"])
-    certificate = spoiled(original)
+    other = reworded(certificate, ("friction: 0.14", "friction: 0.15"), within=["compass-passive-b"])
+    assert restored(other).printed["texts"] != words["texts"]
     for piece in certificate["law"]["pieces"]:
         piece["angles"][0][0] += 1e-9
     assert restored(certificate).printed["law"]["curve_sha256"] != words["law"]["curve_sha256"]
-    certificate = reworded(original, ("friction: 0.14", "friction: 0.15"), within=["compass-passive-b"])
-    assert restored(certificate).printed["texts"] != words["texts"]
 
 
 @pytest.mark.parametrize("piece", [0, 1])
-def test_a_tracked_curve_does_not_jump(piece):
-    certificate = spoiled(unproved("compass-pd-impact-slip"))
-    certificate["law"]["pieces"][piece]["angles"][1][0] += 1e-8
-    assert "the reference of theta2 jumps where its piece 2 starts, at 0.0863441" in refusals(certificate)["statement"]
-    certificate = spoiled(unproved("compass-pd-impact-slip"))
+@pytest.mark.parametrize("change", [(1e-8, 0.0), (-1e-8, 1e-8)], ids=["angle", "rate alone"])
+def test_a_tracked_curve_does_not_jump(piece, change):
+    certificate = unproved(TRACKED)
     row = certificate["law"]["pieces"][piece]["angles"][1]
-    row[2], row[0] = row[2] + 1e-8, row[0] - 1e-8  # the same angle at both ends, another rate
-    assert "jumps" in refusals(certificate)["statement"]
+    row[0], row[2] = row[0] + change[0], row[2] + change[1]
+    assert "the reference of theta2 jumps where its piece 2 starts, at 0.0863441" in refusals(certificate)["statement"]
 
 
 @pytest.mark.slow
 def test_designed_values_are_part_of_the_printed_statement():
-    original = unproved("compass-pd-designed")
-    words = restored(original).printed
-    assert "control.reference.theta1.0" in words["designed"]
-    certificate = spoiled(original)
+    certificate = unproved("compass-pd-designed")
+    assert "control.reference.theta1.0" in restored(certificate).printed["designed"]
     certificate["designed"]["control.reference.theta1.1"] = "-0.3"
     changed = restored(certificate).printed
     assert changed["parameters"]["control.reference.theta1.1"] == "-0.3"
@@ -180,15 +159,20 @@ def test_designed_values_are_part_of_the_printed_statement():
     assert restored(certificate).printed["law"]["duration"] != changed["law"]["duration"]
 
 
+DESIGNED = ("compass-pd-designed", "control.reference.theta1.1")
+
+
 @pytest.mark.parametrize(
-    ("key", "value"),
+    ("name", "key", "value"),
     [
-        pytest.param("control.reference.theta1.1", "0.60000000000000000002", marks=pytest.mark.slow),
-        ("control.ankle", "5.1"),
+        pytest.param(
+            "compass-pd-designed", "control.reference.theta1.1", "0.6" + 18 * "0" + "2", marks=pytest.mark.slow
+        ),
+        ("compass-torque-efficient", "control.ankle", "5.1"),
     ],
 )
-def test_a_designed_value_outside_of_its_bounds_is_refused(key, value):
-    certificate = spoiled(unproved("compass-pd-designed" if "theta" in key else "compass-torque-efficient"))
+def test_a_designed_value_outside_of_its_bounds_is_refused(name, key, value):
+    certificate = unproved(name)
     assert "no boxes" in refusals(certificate)["statement"]
     certificate["designed"][key] = value
     assert "outside of its bounds" in refusals(certificate)["statement"]
@@ -196,58 +180,69 @@ def test_a_designed_value_outside_of_its_bounds_is_refused(key, value):
     assert key in refusals(certificate)["statement"]
 
 
-@pytest.mark.parametrize(
-    ("law", "words"),
-    [
-        (None, "which it does not contain"),
-        ({"duration": 0.7}, "which it does not contain"),
-        ({"pieces": []}, ""),
-        ("reversed", "do not follow each other"),
-        ("one joint", "motion of 2 joints"),
-    ],
-)
-def test_a_reference_that_does_not_fit_is_refused(law, words):
-    certificate = spoiled(unproved("compass-pd-impact-slip"))
-    if law == "reversed":
-        certificate["law"]["pieces"].reverse()
-    elif law == "one joint":
-        certificate["law"]["pieces"][0]["angles"].pop()
-    else:
-        certificate["law"] = law
-    if not words:
-        with pytest.raises(StorageError, match="pieces"):
-            check(certificate)
-    else:
-        assert words in refusals(certificate)["statement"]
+def changed(*path):
+    """A change of a certificate in which a function of the last entry's value takes its place."""
+    *holder, last, function = path
+
+    def change(certificate):
+        place = at(certificate, holder)
+        place[last] = function(place[last])
+        return certificate
+
+    return change
 
 
-def test_law_data_that_no_law_needs_are_refused():
-    certificate = spoiled(proved("rimless-wheel-stick"))
-    assert "needs none" in refusals(certificate | {"law": {"duration": 0.7}})["statement"]
-    reference = {name: certificate[name] for name in ("designed", "law", "reference", "order", "arcs", "boxes")}
-    words = refusals(certificate | {"reference": reference})["statement"]
-    assert "from which its law takes nothing" in words
+def with_two_coefficients(certificate):
+    """A certificate with intervals of static and kinetic friction that overlap."""
+    certificate["problem"]["set"] = {"friction": {"static": 1.0, "kinetic": 0.95}}
+    return certificate | {"intervals": {"friction.static": "0.97..1.0", "friction.kinetic": "0.95..1.0"}}
+
+
+BRACKET = "bracket"
+WRONG_INTERVALS = ("-0.1..0.9142", "0.9142..0.9141", "0.9142..0.9142")
+CONTRADICTIONS = [
+    (WHEEL, changed("problem", "text", lambda text: f"{text}\n"), "SHA-256"),
+    (WHEEL, changed("boxes", 0, "tilt", lambda tilt: [*tilt[:-5], "1", *tilt[-4:]]), "is tilted"),
+    (WHEEL, lambda c: reworded(c, ("spokes: 10\n", "spokes: 10.000000000000001\n")), "spokes"),
+    (WHEEL, with_two_coefficients, "contradict each other: friction.static, friction.kinetic"),
+    # law data, and a reference, that no law needs
+    (WHEEL, lambda c: c | {"law": {"duration": 0.7}}, "needs none"),
+    (WHEEL, lambda c: c | {"reference": {name: c[name] for name in REFERENCE}}, "from which its law takes nothing"),
+    # those that do not fit the law
+    (TRACKED, lambda c: c | {"law": None}, "which it does not contain"),
+    (TRACKED, lambda c: c | {"law": {"duration": 0.7}}, "which it does not contain"),
+    (TRACKED, changed("law", "pieces", lambda pieces: pieces[::-1]), "do not follow each other"),
+    (TRACKED, changed("law", "pieces", 0, "angles", lambda angles: angles[:-1]), "motion of 2 joints"),
+    (TRACKED, changed("arcs", lambda arcs: arcs + arcs[-1:] * 9), "ends with a breakpoint, but the control has "),
+    # special points
+    (WHEEL, lambda c: c | {"special": "mode_change"}, "no parameter that varies"),
+    (WHEEL, lambda c: c | {"varied": "friction"}, "has no interval"),
+    (WHEEL, lambda c: c | {"boxes": 2 * c["boxes"]}, "2 boxes"),
+    (BRACKET, lambda c: c | {"varied": "frictoin"}, "frictoin varies, but it has no interval"),
+    (BRACKET, lambda c: c | {"intervals": {"frictoin": "0.9141..0.9142"}}, "no parameter is called 'frictoin'"),
+    *((BRACKET, changed("intervals", "friction", lambda _, i=i: i), "friction cannot be") for i in WRONG_INTERVALS),
+]
+"""Certificates, what is spoiled in them, and the words of the refusal."""
+
+
+@pytest.mark.parametrize(("name", "change", "words"), CONTRADICTIONS, ids=[words for *_, words in CONTRADICTIONS])
+def test_a_statement_that_contradicts_itself_is_refused(name, change, words):
+    certificate = {WHEEL: certificate_of, TRACKED: unproved, BRACKET: lambda _: bracket()}[name](name)
+    assert words in refusals(change(certificate))["statement"]
 
 
 def test_a_problem_names_nothing_but_the_texts_of_its_certificate():
-    original = unproved("compass-pd-impact-slip")
     for name in ("/dev/zero", "compass-passive-stick", "./b.yaml"):
-        certificate = reworded(original, ("gait: compass-passive-b", f"gait: {name}"))
+        certificate = reworded(unproved(TRACKED), ("gait: compass-passive-b", f"gait: {name}"))
         assert "does not name 'compass-passive-b'" in refusals(certificate)["statement"]
         certificate["problem"]["problems"] = {}
         assert "is missing" in refusals(certificate)["statement"]
-        changed = spoiled(original)
-        changed["problem"]["set"] = {"control.reference.gait": name}
-        assert "its changes name another file" in refusals(changed)["statement"]
-    surplus = spoiled(proved("rimless-wheel-stick"))
+        elsewhere = unproved(TRACKED)
+        elsewhere["problem"]["set"] = {"control.reference.gait": name}
+        assert "its changes name another file" in refusals(elsewhere)["statement"]
+    surplus = certificate_of(WHEEL)
     surplus["problem"]["files"] = {"x.csv": {"text": "t", "sha256": sha256("t")}}
     assert "does not name 'x.csv'" in refusals(surplus)["statement"]
-
-
-def test_a_text_has_its_digest():
-    certificate = spoiled(proved("rimless-wheel-stick"))
-    certificate["problem"]["text"] += "\n"
-    assert "SHA-256" in refusals(certificate)["statement"]
 
 
 @pytest.mark.slow
@@ -255,43 +250,43 @@ def test_a_curve_takes_as_long_as_the_problem_says():
     duration = ("within: 0.6}", "within: 0.6, duration: 0.7}")
     certificate = reworded(unproved("compass-pd-designed"), duration)
     assert "needs none" in refusals(certificate)["statement"]
-    certificate["law"] = None
-    statement = restored(certificate)
-    assert statement.law.breakpoints[0].overlaps(arb(7) / 10)
+    assert restored(certificate | {"law": None}).law.breakpoints[0].overlaps(arb(7) / 10)
 
 
 @pytest.mark.slow
 def test_a_default_duration_is_the_period_of_a_proved_gait():
     """A curve of 0.8 s is another law than one that takes as long as a step of the gait that it starts from."""
-    certificate = spoiled(proved("compass-pd-designed"))
+    certificate = certificate_of("compass-pd-designed")
     assert {"law data"} <= {claim.name for claim in check(certificate).claims}
     certificate["reference"] = None
     assert refusals(certificate).keys() == {"law data"}
-    moved = spoiled(proved("compass-pd-designed"))
+    moved = certificate_of("compass-pd-designed")
     moved["law"]["duration"] += 3e-12  # the orbit stays in its box
     assert "differs by at most" in refusals(moved)["law data"]
-    other = reworded(proved("compass-pd-designed"), ("friction: 0.14", "friction: 0.13"), within=["compass-passive-b"])
+    other = reworded(
+        certificate_of("compass-pd-designed"), ("friction: 0.14", "friction: 0.13"), within=["compass-passive-b"]
+    )
     assert "compass-passive-b is not proved" in refusals(other)["law data"]
 
 
 @pytest.mark.slow
 def test_a_tracked_curve_is_the_motion_of_a_proved_gait_or_the_statement_says_that_this_is_open():
-    original = proved("compass-pd-impact-slip")
-    assert len(check(original).statement["not_proved"]) == 1
-    alone = check(spoiled(original) | {"reference": None})
+    original = certificate_of(TRACKED)
+    statement = check(original).statement
+    assert len(statement["not_proved"]) == 1
+    assert statement["reference"]["parameters"]["walker.slope"] == "1 deg"
+    alone = check(original | {"reference": None})
     assert alone.proved
     assert "tracked curve is the motion of compass-passive-b" in alone.statement["not_proved"][1]
     for old, new in (("friction: 0.14", "friction: 0.141"), ("slope: 1 deg", "slope: 1.001 deg")):
         other = reworded(original, (old, new), within=["compass-passive-b"])
         assert "compass-passive-b is not proved" in refusals(other)["law data"]
-    assert check(original).statement["reference"]["parameters"]["walker.slope"] == "1 deg"
-    changed = spoiled(original)
-    changed["problem"]["problems"]["compass-passive-b"]["set"] = {"friction": 0.15}
-    assert restored(changed).printed["changed"] == {"compass-passive-b: friction": 0.15}
-    moved = spoiled(original)
-    for piece in moved["law"]["pieces"]:
+    elsewhere = certificate_of(TRACKED)
+    elsewhere["problem"]["problems"]["compass-passive-b"]["set"] = {"friction": 0.15}
+    assert restored(elsewhere).printed["changed"] == {"compass-passive-b: friction": 0.15}
+    for piece in original["law"]["pieces"]:
         piece["angles"][1][0] += 2e-9
-    assert "law data" in refusals(moved) or "existence and uniqueness" in refusals(moved)
+    assert refusals(original).keys() & {"law data", "existence and uniqueness"}
 
 
 @pytest.mark.slow
@@ -305,9 +300,8 @@ def test_torques_that_are_found_last_as_long_as_the_step():
         "control: {type: open_loop, intervals: 2, order: constant, bounds: {ankle: [-3, 3]}}\n"  # none for the hip
         "objective: torque_squared\nconstraints: {speed: 0.5}\n"
     )
-    solved = solve(parse_problem(text), progress=False)
-    assert solved.converged, solved.message
-    certificate = through_json(prove(solved, progress=False).certificate)
+    walk = solved(parse_problem(text))
+    certificate = through_json(prove(walk, progress=False).certificate)
     assert check(certificate).proved, refusals(certificate)
     words = check(certificate).statement
     assert words["law"]["duration"].startswith(repr(certificate["law"]["duration"]))
@@ -320,28 +314,10 @@ def test_torques_that_are_found_last_as_long_as_the_step():
     assert "control.hip.1" in refusals(missing)["statement"]
 
 
-def test_a_number_of_spokes_is_whole():
-    certificate = reworded(proved("rimless-wheel-stick"), ("spokes: 10\n", "spokes: 10.000000000000001\n"))
-    assert "spokes" in refusals(certificate)["statement"]
-
-
-def test_an_arc_does_not_end_at_a_breakpoint_that_is_not_there():
-    certificate = spoiled(unproved("compass-pd-impact-slip"))
-    breakpoints = len(certificate["law"]["pieces"]) - 1
-    certificate["arcs"] += [certificate["arcs"][-1]] * (breakpoints + 1)
-    assert f"ends with a breakpoint, but the control has {breakpoints}" in refusals(certificate)["statement"]
-
-
-def test_a_single_orbit_has_no_tilt():
-    certificate = spoiled(proved("rimless-wheel-stick"))
-    certificate["boxes"][0]["tilt"][-5] = "1"
-    assert "is tilted" in refusals(certificate)["statement"]
-
-
 @pytest.mark.slow
 def test_a_tracked_curve_that_is_held_ends_with_the_step():
     """A curve that is cut off before is held from there on: another law."""
-    problem = load_problem("compass-pd-impact-slip").replace({"control.reference.beyond_end": "hold"})
+    problem = load_problem(TRACKED).replace({"control.reference.beyond_end": "hold"})
     certificate = through_json(prove(solve(problem), progress=False).certificate)
     assert check(certificate).proved, refusals(certificate)
     statement = restored(certificate)
@@ -372,15 +348,6 @@ def test_steps_of_a_tracked_gait_cannot_be_made_endless():
             list(_steps(orbit, cycle, arb(1)))
 
 
-def test_kinetic_friction_is_not_above_static_friction():
-    certificate = spoiled(proved("rimless-wheel-stick"))
-    certificate["problem"]["set"] = {"friction": {"static": 1.0, "kinetic": 0.95}}
-    certificate["intervals"] = {"friction.static": "0.97..1.0", "friction.kinetic": "0.95..1.0"}
-    words = refusals(certificate)["statement"]
-    assert "contradict each other: friction.static, friction.kinetic" in words
-    assert "static" in words.partition("friction: ")[2]
-
-
 @pytest.mark.parametrize(("heel", "refused"), [("0.2650", False), ("0.26500000000000000000001", True)])
 def test_contacts_that_swap_roles_have_the_same_friction_in_all_digits(heel, refused):
     """With different numbers a gait would not repeat after one step; their doubles are the same."""
@@ -388,10 +355,7 @@ def test_contacts_that_swap_roles_have_the_same_friction_in_all_digits(heel, ref
     text = load_problem("heel-toe-slip").text
     assert "friction: 0.265\n" in text
     problem = parse_problem(text.replace("friction: 0.265", each))
-    certificate = {"schema": SCHEMA, "problem": ProblemRecord.of(write_problem(problem)).model_dump(), "intervals": {}}
-    certificate |= {"designed": {}, "law": None, "reference": None, "varied": None, "special": None, "order": 20}
-    certificate |= {"arcs": [{"phase": k, "fractions": []} for k in range(len(problem.cycle.phases))], "boxes": []}
-    words = refusals(certificate)["statement"]
+    words = refusals(without_boxes(problem))["statement"]
     assert ("contacts that swap roles have different friction" in words) is refused
     assert ("no boxes" in words) is not refused
 
@@ -399,9 +363,9 @@ def test_contacts_that_swap_roles_have_the_same_friction_in_all_digits(heel, ref
 def test_decimals_may_be_long():
     """A number with more digits than a double is not rounded."""
     friction = "1.00000000000000000001" + 60 * "0"
-    certificate = reworded(proved("rimless-wheel-stick"), ("friction: 1.0", f"friction: {friction}"))
+    certificate = reworded(certificate_of(WHEEL), ("friction: 1.0", f"friction: {friction}"))
     assert check(certificate).statement["parameters"]["friction"] == friction
-    certificate = reworded(proved("rimless-wheel-stick"), ("slope: 13 deg", "slope: 13deg"))
+    certificate = reworded(certificate_of(WHEEL), ("slope: 13 deg", "slope: 13deg"))
     assert check(certificate).statement["parameters"]["walker.slope"] == "13 deg"
 
 
@@ -421,15 +385,18 @@ def test_a_bracket_of_a_change_of_modes_is_proved():
     [pytest.param(k, marks=() if k == "painleve" else pytest.mark.slow) for k in BRACKETED if k != "mode_change"],
 )
 def test_another_type_of_special_point_is_refused(kind):
-    assert refusals(spoiled(bracket(), special=kind)).keys() >= {
+    assert refusals(bracket() | {"special": kind}).keys() >= {
         "sign change" if kind in MARGIN_CHANGES else "arc 1, stick: cone_forward"
     }
 
 
 @pytest.mark.slow
-def test_a_bracket_without_a_change_is_refused():
+def test_a_bracket_without_a_change_or_with_a_gap_is_refused():
     assert refusals(bracket("0.95", "0.96")).keys() == {"sign change"}
     assert "sign change" in refusals(bracket("0.90", "0.91"))
+    for kept in ([0, 2], [0, 1], [1, 2], [0, 0, 2]):
+        boxes = bracket()["boxes"]
+        assert refusals(bracket() | {"boxes": [boxes[k] for k in kept]})
 
 
 def test_a_claim_that_fails_within_a_bracket_stays(monkeypatch):
@@ -441,7 +408,7 @@ def test_a_claim_that_fails_within_a_bracket_stays(monkeypatch):
     certificates = bracket(), bracket("0.95", "0.96")  # whose proof needs the bounds
     monkeypatch.setattr(check_module, "return_map", fails)
     for certificate in certificates:
-        assert refusals(certificate).keys() >= {"motion"}
+        assert "motion" in refusals(certificate)
 
 
 def test_a_motion_that_fails_beyond_the_end_that_is_a_gait_is_named():
@@ -456,35 +423,13 @@ def test_a_motion_that_fails_beyond_the_end_that_is_a_gait_is_named():
     assert [claim.name for claim in result.claims if not claim.proved] == [MOTION]
 
 
-@pytest.mark.slow
-def test_a_bracket_that_leaves_a_gap_is_refused():
-    for gap in ([0, 2], [0, 1], [1, 2], [0, 0, 2]):
-        certificate = bracket()
-        boxes = [certificate["boxes"][k] for k in gap]
-        assert refusals(spoiled(certificate, boxes=boxes))
-
-
-def test_a_special_point_needs_a_parameter():
-    certificate = spoiled(proved("rimless-wheel-stick"), special="mode_change")
-    assert "no parameter that varies" in refusals(certificate)["statement"]
-    assert "frictoin varies, but it has no interval" in refusals(spoiled(bracket(), varied="frictoin"))["statement"]
-    unknown = spoiled(bracket(), intervals={"frictoin": "0.9141..0.9142"})
-    assert "no parameter is called 'frictoin'" in refusals(unknown)["statement"]
-
-
-@pytest.mark.parametrize("interval", ["-0.1..0.9142", "0.9142..0.9141", "0.9142..0.9142"])
-def test_an_interval_holds_values_that_the_parameter_can_have(interval):
-    certificate = spoiled(bracket(), intervals={"friction": interval})
-    assert "friction cannot be" in refusals(certificate)["statement"]
-
-
 # every line of the theorem
 
 
-@pytest.mark.parametrize("name", ["rimless-wheel-stick", "rimless-wheel-slip"])
+@pytest.mark.parametrize("name", [WHEEL, "rimless-wheel-slip"])
 def test_the_claims_of_a_theorem_are_complete(name):
-    result = check(proved(name))
-    statement = restored(proved(name))
+    result = check(certificate_of(name))
+    statement = restored(certificate_of(name))
     modes = mode_claim_names(statement.system, statement.law, statement.cycle, statement.arcs)
     assert {claim.name for claim in result.claims} == {"existence and uniqueness", *modes, "stability"}
     assert any("apparent mass" in claim for claim in modes)
@@ -499,7 +444,7 @@ def test_a_claim_that_is_not_made_leaves_the_theorem_unproved(monkeypatch, lost)
         return [claim for k, claim in enumerate(every(*arguments)) if k != lost]
 
     monkeypatch.setattr(check_module, "mode_sequence_claims", without)
-    for certificate in (proved("rimless-wheel-stick"), bracket()):
+    for certificate in (certificate_of(WHEEL), bracket()):
         assert refusals(certificate).keys() == {"completeness"}
 
 
@@ -570,7 +515,7 @@ def test_an_arc_ends_before_the_law_of_its_segment():
 @pytest.mark.slow
 def test_a_breakpoint_that_is_left_out_is_refused():
     """Gait III without torque after its reference's end has period 0.677046; with the torque kept on, 0.669457."""
-    problem = load_problem("compass-pd-impact-slip").replace({"control.reference.beyond_end": "off"})
+    problem = load_problem(TRACKED).replace({"control.reference.beyond_end": "off"})
     right = solve(problem)
     law, motion = right.system.control, right.system.control.reference.motion()
     cut = Curve(names=motion.names, pieces=motion.pieces[:-1])
@@ -741,40 +686,37 @@ def lie(original, forged, path):
     return None if all(a.overlaps(b) for a, b in bounds) else "it is another orbit"
 
 
-def lies(certificate, other, values=replacements, fields=(), every=1):
-    """What is proved that is wrong, of every n-th forgery in some fields, or in all."""
+def lies(certificate, other, values=replacements, every=1):
+    """What is proved that is wrong, of every n-th forgery."""
     original = check(certificate)
     assert original.proved
     return [
         (path, action, wrong)
         for path, action, forged in islice(forgeries(certificate, other, values), 0, None, every)
-        if (not fields or path[0] in fields or path[-1] in fields)
-        and (wrong := lie(original, forged, path)) is not None
+        if (wrong := lie(original, forged, path)) is not None
     ]
 
 
 @pytest.mark.parametrize("every", [8, pytest.param(1, marks=pytest.mark.slow)])
 def test_no_field_can_be_forged(every):
-    assert lies(proved("rimless-wheel-stick"), proved("rimless-wheel-slip"), every=every) == []
+    assert lies(certificate_of(WHEEL), certificate_of("rimless-wheel-slip"), every=every) == []
 
 
 @pytest.mark.slow
 def test_no_field_of_a_bracket_can_be_forged():
-    fields = ("varied", "special", "intervals", "interval", "order")
-    assert lies(bracket(), spoiled(bracket("0.95", "0.96")), fields=fields) == []
+    assert lies(bracket(), bracket("0.95", "0.96")) == []
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["rimless-wheel-slip", "bracket"])
-def test_no_field_of_other_certificates_can_be_forged(name):
-    assert lies(bracket() if name == "bracket" else proved(name), proved("rimless-wheel-stick")) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["compass-torque-stick", "compass-pd-impact-slip", "compass-pd-designed"])
-def test_no_field_of_a_compass_can_be_forged(name):
-    other = proved("compass-passive-b")
-    assert lies(proved(name), other) == []
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("rimless-wheel-slip", WHEEL),
+        *((name, "compass-passive-b") for name in ("compass-torque-stick", TRACKED, "compass-pd-designed")),
+    ],
+)
+def test_no_field_of_other_certificates_can_be_forged(name, other):
+    assert lies(certificate_of(name), certificate_of(other)) == []
 
 
 # what the texts say
@@ -819,16 +761,16 @@ def is_written_differently(original, forged):
 
 @pytest.mark.parametrize("every", [10, pytest.param(1, marks=pytest.mark.slow)])
 def test_no_meaning_of_a_text_changes_unseen(every):
-    certificate, original = proved("rimless-wheel-stick"), check(proved("rimless-wheel-stick"))
+    certificate, original = certificate_of(WHEEL), check(certificate_of(WHEEL))
     tried = list(islice(meanings(certificate), 0, None, every))
     assert len(tried) > 10
     assert [(path, value) for path, value, forged in tried if hidden(original, forged, path)] == []
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["compass-torque-efficient", "compass-pd-impact-slip", "compass-pd-designed"])
+@pytest.mark.parametrize("name", ["compass-torque-efficient", TRACKED, "compass-pd-designed"])
 def test_no_meaning_of_a_law_changes_unseen(name):
-    certificate, original = proved(name), check(proved(name))
+    certificate, original = certificate_of(name), check(certificate_of(name))
     tried = list(meanings(certificate))
     if certificate["problem"]["problems"]:
         tried += meanings(certificate, ["compass-passive-b"])
@@ -837,8 +779,7 @@ def test_no_meaning_of_a_law_changes_unseen(name):
 
 @pytest.mark.slow
 def test_no_hostile_value_hangs_or_crashes_the_checker():
-    certificate = spoiled(proved("rimless-wheel-stick"))
-    assert lies(certificate, {}, lambda value: HOSTILE) == []
+    assert lies(certificate_of(WHEEL), {}, lambda value: HOSTILE) == []
 
 
 @pytest.mark.parametrize(

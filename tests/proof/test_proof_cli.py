@@ -32,13 +32,25 @@ def certificate(proved, tmp_path, monkeypatch):
     return json.loads(Path("printed.json").read_text())
 
 
-def test_what_proofs_do_not_cover_is_said_without_empty_tables(run, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_what_proofs_do_not_cover_is_said_without_empty_tables(run, empty_folder):
     code, out, _ = run("prove", "slip-walk", "--quiet")
     assert code == 4
     assert "a slip_walker has massless contacts with coordinates of their own" in out
     assert "hypothesis" not in out
     assert "bounds" not in out
+
+
+def test_what_is_no_certificate_is_exit_6_and_one_of_another_format_is_named_and_exit_4(run, empty_folder):
+    for content in ("no json", "[]", '{"schema": "gaitopt-proof-6"}'):
+        Path("proof.json").write_text(content)
+        code, _, err = run("prove", "--check", "proof.json")
+        assert code == 6, content
+        assert "proof.json is not a proof certificate" in err
+    for schema in ("gaitopt-proof-4", "gaitopt-proof-5"):
+        Path("proof.json").write_text(json.dumps({"schema": schema}))
+        code, out, _ = run("prove", "--check", "proof.json", "--json", "--quiet")
+        assert code == 4, schema
+        assert schema in json.loads(out)["claims"][0]["words"]
 
 
 def test_a_proof_is_printed_kept_and_checked_again(run, certificate):
@@ -65,22 +77,6 @@ def test_a_certificate_that_proves_nothing_is_exit_4(run, certificate):
     code, out, _ = run("prove", "--check", str(file), "--json")
     assert code == 4
     assert not json.loads(out)["proved"]
-
-
-@pytest.mark.parametrize("content", ["no json", "[]", '{"schema": "gaitopt-proof-6"}'])
-def test_what_is_no_certificate_is_exit_6(run, empty_folder, content):
-    Path("proof.json").write_text(content)
-    code, _, err = run("prove", "--check", "proof.json")
-    assert code == 6
-    assert "proof.json is not a proof certificate" in err
-
-
-@pytest.mark.parametrize("schema", ["gaitopt-proof-4", "gaitopt-proof-5"])
-def test_a_certificate_of_another_format_is_named_and_exit_4(run, empty_folder, schema):
-    Path("proof.json").write_text(json.dumps({"schema": schema}))
-    code, out, _ = run("prove", "--check", "proof.json", "--json", "--quiet")
-    assert code == 4
-    assert schema in json.loads(out)["claims"][0]["words"]
 
 
 @pytest.mark.parametrize(

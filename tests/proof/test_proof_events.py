@@ -1,8 +1,8 @@
 """Proofs of gaits with several contacts, stops, switches, flight, a push-off, or phases of given duration."""
 
 import json
-from copy import deepcopy
 from dataclasses import replace
+from functools import cache
 from io import StringIO
 from types import SimpleNamespace
 from typing import Annotated
@@ -10,7 +10,18 @@ from typing import Annotated
 import numpy as np
 import pytest
 from casadi import sin
-from certificates import certificate_of, failed, negated, proof, refusals, reworded
+from certificates import (
+    BALLS,
+    certificate_of,
+    failed,
+    gait,
+    proof,
+    refusals,
+    restored,
+    reworded,
+    through_json,
+    without_boxes,
+)
 from driven_walkers import DrivenHopper
 from flint import acb, arb, ctx
 from jumping import PUSH, SLIPPING, STATE, Staircase
@@ -22,56 +33,15 @@ from gaitopt import Fixed, Walker, load_problem, parse_problem, prove, solve
 from gaitopt.model.control import Control
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.statement import problem_data
-from gaitopt.problem.writing import write_problem
-from gaitopt.proof import claims, orbit
-from gaitopt.proof.arithmetic import PRECISION, NotProved, ball
-from gaitopt.proof.certificate import SCHEMA, ProblemRecord, read_certificate
+from gaitopt.proof import claims
+from gaitopt.proof.arithmetic import PRECISION, ball
+from gaitopt.proof.certificate import read_certificate
 from gaitopt.proof.check import check
 from gaitopt.proof.prove import RADIUS, arc_records, divide_into_steps, newton_step
 from gaitopt.proof.statement import restore_statement
-from gaitopt.proof.taylor import VectorField
 from gaitopt.show.tables import print_proof
 
-QUICK = ("crawler", "hopper")
-STABLE = {
-    "crawler": True,
-    "hopper": True,
-    "slip-run": True,
-    "compass-push-off": True,
-    "kneed-passive": True,
-    "telescopic-passive": True,
-    "heel-toe": True,
-    "heel-toe-slip": True,
-    "heel-toe-impact-slip": False,
-    "inchworm": True,
-}
 """All problems that are proved here, and whether they are stable."""
-STATE_TOLERANCE, MULTIPLIER_TOLERANCE = 3e-12, 1e-7
-
-
-@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in STABLE])
-def test_a_gait_with_events_within_its_step_is_proved_where_the_solver_finds_it(name):
-    result, gait = proof(name), named(name)
-    assert result.stable is STABLE[name]
-    for value, bounds in zip(gait.state, result.state.values(), strict=True):
-        assert abs(float(bounds.mid()) - value) < STATE_TOLERANCE
-    for (_, duration), bounds in zip(gait.phases, result.durations, strict=True):
-        assert abs(float(bounds.mid()) - duration) < STATE_TOLERANCE
-    for key in ("period", "step_length", "work", "required_friction"):
-        if result.measures[key] is not None:
-            assert abs(float(result.measures[key].mid()) - gait.measures[key]) < 1e-9, key
-    for multiplier in gait.multipliers:
-        assert min(abs(complex(m.mid()) - multiplier) for m in result.multipliers) < MULTIPLIER_TOLERANCE
-    again = check(certificate_of(name))
-    assert again.proved
-    assert {claim.name for claim in again.claims} == {claim.name for claim in result.claims}
-
-
-class BALLS:
-    """Functions of balls, by the names of NumPy's."""
-
-    sin, cos, sqrt, exp = arb.sin, arb.cos, arb.sqrt, arb.exp
-    pi = arb.pi()
 
 
 def test_the_damped_oscillations_of_the_crawler_lie_in_its_enclosures():
@@ -101,32 +71,18 @@ def test_the_speed_and_the_multiplier_of_the_hopper_lie_in_their_enclosures():
     assert result.measures["cost_of_transport"] is None
 
 
-@pytest.mark.parametrize("entry", [0, 2])
-def test_a_forged_gap_or_height_of_the_crawler_is_refused(entry):
-    data = certificate_of("crawler")
-    centre = data["boxes"][0]["centre"]
-    centre[entry] = repr(float(centre[entry]) + 1e-6)
-    assert refusals(data).keys() == {"existence and uniqueness"}
-
-
 def test_a_phase_whose_end_is_forged_is_refused():
-    """The second phase of the crawler ends at the breakpoint, and the first one where the front stops."""
-    data = certificate_of("crawler")
-    timed = [arc for arc in data["arcs"] if arc.get("timed")]
-    assert [arc["phase"] for arc in timed] == [1]
-    untimed = deepcopy(data)
-    untimed["arcs"][1]["timed"] = False
-    refusals(untimed)
-    for phase in (0, 3):
-        wrong = deepcopy(data)
-        wrong["arcs"][phase]["timed"] = True
-        refusals(wrong)
+    """The second phase of the crawler ends at the breakpoint, and the first one where the front stops.
 
-
-def test_a_slip_cannot_stop_at_a_breakpoint_nor_together_with_another_one():
-    """Nothing would make the velocity zero, and a contact that sticks would go on with it for the rest of the cycle."""
-    data = certificate_of("crawler")
-    data["arcs"][0]["timed"], data["arcs"][1]["timed"] = True, False
+    Nothing would make the velocity of a slip zero at a breakpoint, or that of two contacts at one instant.
+    """
+    assert [arc["phase"] for arc in certificate_of("crawler")["arcs"] if arc.get("timed")] == [1]
+    for timed in ((), (0, 1), (1, 3)):
+        data = certificate_of("crawler")
+        for arc in data["arcs"]:
+            arc["timed"] = arc["phase"] in timed
+        refusals(data)
+    data["arcs"][0]["timed"], data["arcs"][1]["timed"], data["arcs"][3]["timed"] = True, False, False
     assert "cannot end at a breakpoint" in refusals(data)["statement"]
     both = reworded(
         certificate_of("crawler"), ("{rear: stick, front: slip_forward}", "{rear: slip_backward, front: slip_forward}")
@@ -135,21 +91,18 @@ def test_a_slip_cannot_stop_at_a_breakpoint_nor_together_with_another_one():
 
 
 @pytest.mark.parametrize(
-    ("changes", "refused"),
+    ("name", "change", "refused"),
     [
-        ((("front: 0.4", "front: 0.41"),), "existence"),
-        ((("slope: 0.1", "slope: 0.101"),), "existence"),
-        ((("rear: 0.6, front: 0.4", "rear: {static: 0.59, kinetic: 0.6}, front: 0.4"),), "statement"),
-        ((("{rear: stick, front: slip_forward}", "{rear: stick, front: slip_backward}"),), ""),
+        ("crawler", ("front: 0.4", "front: 0.41"), "existence and uniqueness"),
+        ("crawler", ("slope: 0.1", "slope: 0.101"), "existence and uniqueness"),
+        ("crawler", ("rear: 0.6, front: 0.4", "rear: {static: 0.59, kinetic: 0.6}, front: 0.4"), "statement"),
+        ("crawler", ("{rear: stick, front: slip_forward}", "{rear: stick, front: slip_backward}"), ""),
+        ("hopper", ("thrust: 200", "thrust: 201"), "existence and uniqueness"),
+        ("hopper", ("{mode: flight, leg: locked", "{mode: flight, leg: free"), ""),
     ],
 )
-def test_a_crawler_whose_text_is_forged_is_refused(changes, refused):
-    assert any(name.startswith(refused) for name in refusals(reworded(certificate_of("crawler"), *changes)))
-
-
-def test_a_hopper_with_another_thrust_or_sequence_is_refused():
-    assert "existence and uniqueness" in refusals(reworded(certificate_of("hopper"), ("thrust: 200", "thrust: 201")))
-    refusals(reworded(certificate_of("hopper"), ("{mode: flight, leg: locked", "{mode: flight, leg: free")))
+def test_a_walker_with_events_whose_text_is_forged_is_refused(name, change, refused):
+    assert any(claim.startswith(refused) for claim in refusals(reworded(certificate_of(name), change)))
 
 
 class Idle(Control):
@@ -184,10 +137,7 @@ def test_a_foot_on_which_the_ground_pushes_does_not_take_off():
     data = problem_data(load_problem("hopper"))
     data["gait"] = data["gait"] | {"phases": [*phases, locked]}
     data |= {"walker": data["walker"] | {"model": "driven_hopper"}, "control": {"type": "idle", "time": 0.136443}}
-    problem = parse_problem(json.dumps(data), walkers=[DrivenHopper], controls=[Idle])
-    certificate = {"schema": SCHEMA, "problem": ProblemRecord.of(write_problem(problem)).model_dump(), "intervals": {}}
-    certificate |= {"designed": {}, "law": None, "reference": None, "varied": None, "special": None, "order": 20}
-    certificate |= {"arcs": [{"phase": k, "fractions": [], "timed": k == 1} for k in range(4)], "boxes": []}
+    certificate = without_boxes(parse_problem(json.dumps(data), walkers=[DrivenHopper], controls=[Idle]), timed=(1,))
     with ctx.workprec(PRECISION):
         statement = restore_statement(read_certificate(certificate), [DrivenHopper], [Idle])
         times = np.cumsum((0, *durations)).tolist()
@@ -205,42 +155,8 @@ def test_a_foot_on_which_the_ground_pushes_does_not_take_off():
         texts = [value.str(30, radius=False) for value in centre]
     certificate["arcs"] = arc_records(divided)
     certificate["boxes"] = [{"interval": [], "centre": texts, "tilt": ["0"] * len(texts), "radii": radii}]
-    result = check(json.loads(json.dumps(certificate)), walkers=[DrivenHopper], controls=[Idle])
+    result = check(through_json(certificate), walkers=[DrivenHopper], controls=[Idle])
     assert failed(result).keys() == {"arc 3, flight, leg free, thrust on: mode at rest", "touchdown"}, failed(result)
-
-
-def one_higher(order):
-    return lambda *a: order(*a) and order(*a) + 1
-
-
-def opposite(impact):
-    def margins(self, struck, j):
-        graph = impact(self, struck, j)
-        return lambda y: [[-value for value in values] if k == 0 else values for k, values in enumerate(graph(y))]
-
-    return margins
-
-
-def refusing(self, cycle):
-    raise NotProved("singular")
-
-
-MUTATIONS = {
-    "regularity": (VectorField, "regularities", lambda old: negated(old.func), "crawler", "unique forces"),
-    "section": (orbit.Orbit, "require_section", lambda old: refusing, "crawler", "section"),
-    "order of a slip": (claims, "_order_of_zero", lambda old: lambda *_: 0, "crawler", "slip_velocity.front"),
-    "too high an order": (claims, "_order_of_zero", one_higher, "crawler", "motion"),
-    "order of a stop": (claims, "zeros_after_impact", lambda old: lambda *_: 0, "hopper", "leg"),
-    "impulse of a stop": (orbit.Orbit, "impact", opposite, "hopper", "impact"),
-}
-
-
-@pytest.mark.parametrize("mutation", MUTATIONS)
-def test_a_mutation_of_the_claims_about_events_is_noticed(mutation, monkeypatch):
-    owner, attribute, spoil, name, claim = MUTATIONS[mutation]
-    data = certificate_of(name)
-    monkeypatch.setattr(owner, attribute, spoil(getattr(owner, attribute)))
-    assert any(claim in refused for refused in refusals(data))
 
 
 class SineCompass(CompassBiped):
@@ -311,3 +227,66 @@ def test_where_the_apparent_mass_is_negative_the_foot_would_have_to_pull():
     """On friction 1 the kneed walker is in the paradox of Painleve in the middle of its step, but its foot sticks."""
     claim = {c.name: c.words for c in proof("kneed-passive").claims}["arc 1, stick, knee free: apparent mass"]
     assert "a slip would pull the ground" in claim
+
+
+TWO = "rear: {static: 0.63, kinetic: 0.6}, front: {static: 0.42, kinetic: 0.4}"
+
+
+@cache
+def crawler():
+    """The proof of the crawler with two coefficients for each of its contacts."""
+    text = gait("crawler").problem.text.replace("rear: 0.6, front: 0.4", TWO)
+    return prove(solve(parse_problem(text), progress=False), progress=False)
+
+
+def test_the_crawler_slides_with_kinetic_friction_and_starts_where_static_friction_ends():
+    """Its contacts slide with the kinetic coefficients, so that its closed form holds; see ``walkers.crawler``."""
+    result = crawler()
+    assert result.proved, failed(result)
+    assert [claim.name for claim in result.claims if "mode at rest" in claim.name] == [
+        "arc 1, rear: stick, front: slip_forward: mode at rest",
+        "arc 3, rear: slip_forward, front: stick: mode at rest",
+    ]
+    assert abs(float(result.measures["step_length"].mid()) - gait("crawler").measures["step_length"]) < 1e-12
+    with ctx.workprec(PRECISION):
+        known = crawl(ball("0.4"), ball("0.6"), ball("0.1"), ball, BALLS)
+        assert result.durations[0].overlaps(known.times[0])
+
+
+@pytest.mark.parametrize(
+    ("static", "refused"),
+    [
+        # static friction holds the front, so that the walker would rest
+        ("0.9", "arc 1, rear: stick, front: slip_forward: mode at rest"),
+        ("0.39", "statement"),
+    ],
+)
+def test_a_forged_static_coefficient_is_refused(static, refused):
+    certificate = through_json(crawler().certificate)
+    assert refused in refusals(reworded(certificate, ("static: 0.42", f"static: {static}")))
+
+
+@pytest.mark.slow
+def test_heel_and_toe_with_two_coefficients_are_proved():
+    friction = {"friction": {"static": 0.264, "kinetic": 0.262}}
+    walk = solve(gait("heel-toe-slip").problem.replace(friction), progress=False)
+    result = prove(walk, progress=False)
+    assert result.proved, failed(result)
+    assert result.stable
+    for key in ("period", "step_length"):
+        assert abs(float(result.measures[key].mid()) - walk.measures[key]) < 1e-9, key
+    assert check(through_json(result.certificate)).proved
+
+
+@pytest.mark.slow
+def test_where_a_contact_leaves_the_ground_no_other_one_slips_instead():
+    """A heel leaves the ground: as many contacts would stick if it stayed and the heel of the other foot slipped."""
+    walk = gait("flat-foot")
+    problem = parse_problem(json.dumps(problem_data(walk.problem) | {"friction": {"static": 1.2, "kinetic": 1.1}}))
+    statement = restored(without_boxes(problem))
+    with ctx.workprec(PRECISION):
+        names = claims.mode_claim_names(statement.system, statement.law, statement.cycle, statement.arcs)
+        assert [name.partition(",")[0] for name in names if name.endswith("mode at rest")] == ["arc 2"]
+        y = [arb(float(value), 1e-9) for value in (*walk.arcs[1].states[0], walk.arcs[1].start)]
+        words, _ = claims._mode_at_rest(statement.orbit(()), 1, y)
+    assert words.endswith("swing_heel cannot")

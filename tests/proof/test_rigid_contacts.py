@@ -10,9 +10,8 @@ from certificates import reworded
 from flint import arb
 
 import gaitopt as go
-from gaitopt import Body, Contact, Damper, Mechanism, Mode
+from gaitopt import Body, Contact, Mode
 from gaitopt.model.contacts import sharing_contacts
-from gaitopt.model.mechanism import inclined
 from gaitopt.model.walkers.crawler import Crawler
 from gaitopt.proof import identities
 from gaitopt.proof.arithmetic import NotProved, precision
@@ -72,22 +71,15 @@ class Sledge(Crawler):
         """The mechanism of the crawler; the motor, the spring and the damper act at the height of the ground."""
         base, ahead = vertcat(q.x, q.y), vertcat(cos(q.tilt), -sin(q.tilt))
         block, front = vertcat(-ahead[1], ahead[0]) * 0.03, base + vertcat(q.gap, q.rise)
-        return Mechanism(
+        places = {"heel": base - cls.apart * ahead, "toe": base + cls.apart * ahead, "front": front}
+        return replace(
+            super().mechanism(q, p),
             bodies=(
                 Body(mass=p.rear_mass, position=base + block, inertia=0.0225 * p.rear_mass, angle=q.tilt),
                 Body(mass=p.front_mass, position=front),
             ),
-            gravity=inclined(p.gravity, p.slope),
             upright=cos(q.tilt),
-            motors=(q.gap,),
-            potential=p.stiffness / 2 * (q.gap - p.rest) ** 2,
-            dampers=(Damper(coefficient=p.damping, across=q.gap),),
-            contacts={
-                "heel": Contact(position=base - cls.apart * ahead),
-                "toe": Contact(position=base + cls.apart * ahead),
-                "front": Contact(position=front),
-            },
-            length=SX(p.rest),
+            contacts={name: Contact(position=place) for name, place in places.items()},
         )
 
 
@@ -161,27 +153,24 @@ gait:
 """
 
 
-def test_contacts_of_one_foot_are_found_and_no_others():
-    walkers = {name: type(go.load_problem(name).walker) for name in ("flat-foot", "heel-toe", "inchworm", "slip-walk")}
+def test_contacts_of_one_foot_are_found_and_one_tangential_constraint_follows_from_the_other():
+    names = ("flat-foot", "heel-toe", "inchworm", "slip-walk")
+    walkers = {name: type(go.load_problem(name).walker) for name in names}
     with precision():
         pairs = {name: {"+".join(sorted(pair)) for pair in rigid_pairs(walker)} for name, walker in walkers.items()}
-    feet = {"heel+toe", "swing_heel+swing_toe"}
+    feet, flat_foot = {"heel+toe", "swing_heel+swing_toe"}, walkers["flat-foot"]
     assert pairs == {"flat-foot": feet, "heel-toe": feet, "inchworm": set(), "slip-walk": set()}
-
-
-def test_one_tangential_constraint_of_a_foot_follows_from_the_other():
-    walker = type(go.load_problem("flat-foot").walker)
 
     def flat(**changes):
         states = dict.fromkeys(("heel", "toe", "swing_heel", "swing_toe"), "stick")
         return Mode.of_contacts(states | changes)
 
     with precision():
-        assert dependent_contacts(walker, flat(swing_heel="off", swing_toe="off")) == ("toe",)
-        assert dependent_contacts(walker, flat(toe="off")) == ("swing_toe",)
-        assert dependent_contacts(walker, flat(toe="off", swing_toe="off")) == ()
-        assert not is_possible(walker, flat(toe="slip_forward"))
-        assert is_possible(walker, flat(toe="off", heel="slip_forward"))
+        assert dependent_contacts(flat_foot, flat(swing_heel="off", swing_toe="off")) == ("toe",)
+        assert dependent_contacts(flat_foot, flat(toe="off")) == ("swing_toe",)
+        assert dependent_contacts(flat_foot, flat(toe="off", swing_toe="off")) == ()
+        assert not is_possible(flat_foot, flat(toe="slip_forward"))
+        assert is_possible(flat_foot, flat(toe="off", heel="slip_forward"))
 
 
 def test_two_rigid_parts_share_no_forces_with_each_other():
@@ -230,7 +219,7 @@ def test_a_walker_whose_contact_lands_above_the_ground_is_refused():
     require_heights(Sledge)
 
 
-def test_a_stop_that_an_impact_holds_is_not_left_out():
+def test_a_stop_that_an_impact_holds_is_not_left_out_and_shared_normal_forces_are_refused():
     """The mode of an impact that ends a step states no stops; its structure is that with the stops that it holds."""
     before = Mode.of(ALL, {"latch": "locked"})
     orbit = SimpleNamespace(system=SimpleNamespace(walker=Latched), arcs=[SimpleNamespace(mode=before)])
@@ -238,11 +227,8 @@ def test_a_stop_that_an_impact_holds_is_not_left_out():
         assert dependent_contacts(Latched, ALL) == ("toe",)
         with pytest.raises(NotProved, match="latch share their forces in"):
             _impact_margins(orbit, ALL, 0, [])
-
-
-def test_contacts_that_share_normal_forces_are_refused():
-    with precision(), pytest.raises(NotProved, match=r"heel and toe share their forces in .*, without being one rigid"):
-        dependent_contacts(Split, ALL)
+        with pytest.raises(NotProved, match=r"heel and toe share their forces in .*, without being one rigid"):
+            dependent_contacts(Split, ALL)
 
 
 @pytest.mark.slow

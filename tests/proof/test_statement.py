@@ -1,12 +1,12 @@
 """What the printed statement of a theorem says of laws, robots and classes of other packages; units; equal steps."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from certificates import failed, gait, proof, restored, through_json
 from flint import arb, ctx
+from named import solved
 
 import gaitopt as go
 from gaitopt.model.reference import TableReference
@@ -23,6 +23,10 @@ ORBITS = Path(__file__).parents[2] / "results" / "reference-orbits"
 # control laws
 
 
+def tracking(table):
+    return ProportionalDerivative(kp=1.0, kd=1.0, reference=TableReference.model_validate(table))
+
+
 @pytest.mark.parametrize("rows", [2, 3, 4, 5, 30])
 @pytest.mark.parametrize("beyond_end", ["hold", "linear", "off"])
 def test_a_table_is_a_spline_in_balls(rows, beyond_end):
@@ -30,8 +34,7 @@ def test_a_table_is_a_spline_in_balls(rows, beyond_end):
     rng = np.random.default_rng(rows)
     times = np.round(np.append(0.0, np.cumsum(rng.uniform(0.02, 0.1, rows - 1))), 4)
     angles = np.round(rng.normal(size=rows), 3)
-    table = {"table": {"t": times.tolist(), "theta2": angles.tolist()}, "beyond_end": beyond_end}
-    law = ProportionalDerivative(kp=1.0, kd=1.0, reference=TableReference.model_validate(table))
+    law = tracking({"table": {"t": times.tolist(), "theta2": angles.tolist()}, "beyond_end": beyond_end})
     with ctx.workprec(PRECISION):
         exact = exact_law(law, lambda key, value: repr(value))
         for k, data in enumerate(exact.data):
@@ -47,8 +50,7 @@ def test_a_table_is_a_spline_in_balls(rows, beyond_end):
 def test_a_fit_in_balls_is_the_least_squares_fit():
     rng = np.random.default_rng(1)
     table = {"t": np.linspace(0, 0.8, 30).round(4).tolist(), "theta2": rng.normal(size=30).round(3).tolist()}
-    reference = TableReference.model_validate({"table": table, "degree": 8, "beyond_end": "hold"})
-    law = ProportionalDerivative(kp=1.0, kd=1.0, reference=reference)
+    law = tracking({"table": table, "degree": 8, "beyond_end": "hold"})
     with ctx.workprec(PRECISION):
         exact = exact_law(law, lambda key, value: repr(value))
     np.testing.assert_allclose([float(value) for value in exact.data[0]], law.data(0), rtol=1e-9)
@@ -71,9 +73,7 @@ def test_a_designed_curve_over_a_phase_variable_is_proved_or_refused_in_words():
     curve = "curve: {degree: 3, start: compass-passive-stick, within: 1}, joints: {theta2: theta2}, phase: theta1"
     for span, words in ((", span: [-0.15, 0.15]", ""), ("", "state it: span: [START, END]")):
         law = f"control: {{type: pd, kp: 30, kd: 4, reference: {{{curve}{span}}}}}\nobjective: torque_squared\n"
-        gait = go.solve(go.parse_problem(text + law), progress=False)
-        assert gait.converged, gait.message
-        result = go.prove(gait, progress=False)
+        result = go.prove(solved(go.parse_problem(text + law)), progress=False)
         assert result.proved is not bool(words), failed(result)
         assert words in failed(result).get("statement", "")
         assert words or result.statement["law"]["reference.span.1"] == "0.15"
@@ -89,9 +89,7 @@ def test_a_robot_from_a_file_is_printed_with_its_numbers():
     start, end = text.index("  model:"), text.index("  gravity:")
     text = text[:start] + "  urdf: compass-passive-stick.urdf\n  feet: [stance_leg_foot, swing_leg_foot]\n" + text[end:]
     text = text.replace("theta1", "stance_leg").replace("theta2", "swing_leg")
-    gait = go.solve(go.parse_problem(text, ORBITS / "x.yaml"), progress=False)
-    assert gait.converged, gait.message
-    result = go.prove(gait, progress=False)
+    result = go.prove(solved(go.parse_problem(text, ORBITS / "x.yaml")), progress=False)
     assert result.proved, failed(result)
     words = result.statement["walker_data"]
     assert "compass-passive-stick.urdf" in words["walker"]
@@ -99,22 +97,23 @@ def test_a_robot_from_a_file_is_printed_with_its_numbers():
     assert len(words["expressions_sha256"]) == 64
     robot = (ORBITS / "compass-passive-stick.urdf").read_text()
     assert result.certificate["problem"]["files"]["compass-passive-stick.urdf"]["text"] == robot
-    again = check(json.loads(json.dumps(result.certificate)))
-    assert again.to_record() == result.to_record()
+    assert check(through_json(result.certificate)).to_record() == result.to_record()
 
 
-def test_the_apparent_mass_has_the_static_coefficient():
+def test_the_apparent_mass_has_the_static_coefficient_and_the_statement_says_that_sticking_is_chosen():
     """C_tt + mu_s C_nt and C_tt - mu_s C_nt, from the apparent masses at the kinetic coefficient of two systems."""
-    problem = go.load_problem("compass-passive-static-kinetic")
-    gait = go.solve(problem, progress=False)
-    y = [*map(arb, map(float, gait.arcs[1].states[0])), arb(0.1)]
+    walk = gait("compass-passive-static-kinetic")
+    certificate = through_json(certificate_header(walk) | {"arcs": arc_records(arcs_of(walk))})
+    words = "static and kinetic; sticking is chosen where both are consistent"
+    assert restored(certificate).printed["friction"] == words
+    y = [*map(arb, map(float, walk.arcs[1].states[0])), arb(0.1)]
 
     def masses(static, kinetic):
-        p = dict(gait.dynamics.parameters) | {"friction.static": static, "friction.kinetic": kinetic}
+        p = dict(walk.dynamics.parameters) | {"friction.static": static, "friction.kinetic": kinetic}
         with ctx.workprec(PRECISION):
-            values = [arb(float(p[key])) for key in gait.system.parameters]
-            units = [1.0] * (gait.system.n_z + 1)
-            field = VectorField(PhaseSpace(gait.system, None), go.Mode.STICK, values, [], units)
+            values = [arb(float(p[key])) for key in walk.system.parameters]
+            units = [1.0] * (walk.system.n_z + 1)
+            field = VectorField(PhaseSpace(walk.system, None), go.Mode.STICK, values, [], units)
             return [float(value) for value in field.apparent_masses(y)[0]]
 
     assert masses(0.15, 0.12) == pytest.approx(masses(0.15, 0.15), rel=1e-14)
@@ -124,23 +123,14 @@ def test_the_apparent_mass_has_the_static_coefficient():
     assert abs(forward - backward) > 0.01
 
 
-def test_two_coefficients_say_that_sticking_is_chosen():
-    gait = go.solve("compass-passive-static-kinetic", progress=False)
-    certificate = through_json(certificate_header(gait) | {"arcs": arc_records(arcs_of(gait))})
-    assert (
-        restored(certificate).printed["friction"] == "static and kinetic; sticking is chosen where both are consistent"
-    )
-
-
 # units, and equal steps
 
 
 def test_intervals_whose_corner_breaks_a_rule_between_parameters_are_refused():
     """Each end is possible with the other parameters of the file; only both together put the mass beyond the hip."""
-    gait = go.solve(go.load_problem("compass-passive-stick"))
     intervals = {"walker.leg_com": "0.8..1.0", "walker.leg_length": "0.9..1.7"}
     with pytest.raises(go.GaitoptError, match=r"contradict each other: .*leg_com = 1 m must be less than leg_length"):
-        go.prove(gait, intervals, progress=False)
+        go.prove(gait("compass-passive-stick"), intervals, progress=False)
 
 
 @pytest.mark.parametrize(
@@ -163,8 +153,7 @@ def test_a_proof_does_not_depend_on_the_unit_of_length(name, length, size):
 
 
 def test_a_cycle_of_two_equal_steps_does_not_have_the_least_period():
-    once = go.solve("rimless-wheel-stick", progress=False)
-    assert go.prove(once, progress=False).minimal_period is True
+    assert proof("rimless-wheel-stick").minimal_period is True
     step = {"phases": ["stick"], "impact": "stick"}
     twice = go.load_problem("rimless-wheel-stick").replace({"gait.steps": [step, step]})
     result = go.prove(go.solve(twice, progress=False), progress=False)

@@ -1,7 +1,6 @@
 """Searches for gaits of walkers with several contacts, whose modes are open."""
 
 import json
-from dataclasses import replace
 
 import pytest
 from contact_problems import contact_gait, contact_problem
@@ -19,12 +18,15 @@ RUN = {
 }  # fmt: skip
 
 
+def searched(problem, **plan):
+    return search(SearchPlan(problem=problem, **plan), ResumableJobs(workers=Workers(count=1)))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_springy_legs_walk_in_two_gaits_of_one_mode_sequence(seed: int) -> None:
     """Geyer, Seyfarth and Blickhan (2006): one of them is stable."""
-    problem = contact_problem("slip-walk").replace({"gait.phases": "auto"})
-    found = search(SearchPlan(problem=problem, seed=seed), ResumableJobs(workers=Workers(count=1)))
+    found = searched(contact_problem("slip-walk").replace({"gait.phases": "auto"}), seed=seed)
     assert len(found) == 2
     for gait, name in zip(found, ("slip-walk-stable", "slip-walk"), strict=True):
         assert gait.cycle == contact_gait(name).cycle
@@ -34,10 +36,9 @@ def test_springy_legs_walk_in_two_gaits_of_one_mode_sequence(seed: int) -> None:
 def test_the_legs_that_walk_also_run_in_two_gaits() -> None:
     """Spring-mass running: a short flight is stable, a long one unstable. Blickhan (1989), Geyer (2006)."""
     problem = contact_problem("slip-walk").replace(RUN)
-    plan = SearchPlan(problem=problem, starts=250)
-    short, long = search(plan, ResumableJobs(workers=Workers(count=1)))
-    other = problem.replace({"gait.impact": {"front": "stick", "back": "stick"}})  # one leg lands
-    assert not search(replace(plan, problem=other), ResumableJobs(workers=Workers(count=1)))
+    short, long = searched(problem, starts=250)
+    both_land = {"gait.impact": {"front": "stick", "back": "stick"}}  # but one leg lands
+    assert not searched(problem.replace(both_land), starts=250)
     assert short.spectral_radius < 1 < long.spectral_radius
     assert short.period < long.period
     for gait in (short, long):
@@ -48,8 +49,7 @@ def test_the_legs_that_walk_also_run_in_two_gaits() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["heel-toe-slip", "crawler"])
 def test_walks_from_around_the_guess_find_its_gait(name: str) -> None:
-    problem = contact_problem(name).replace({"gait.phases": "auto"})
-    (found,) = search(SearchPlan(problem=problem, starts=250), ResumableJobs(workers=Workers(count=1)))
+    (found,) = searched(contact_problem(name).replace({"gait.phases": "auto"}), starts=250)
     assert found.cycle.untimed == contact_gait(name).cycle.untimed
     assert found.state == pytest.approx(contact_gait(name).state, abs=1e-9)
 
@@ -58,12 +58,10 @@ def test_walks_from_around_the_guess_find_its_gait(name: str) -> None:
 @pytest.mark.parametrize("name", ["heel-toe", "crawler", "inchworm"])
 def test_gaits_are_found_without_a_guess(name: str) -> None:
     """Walks start in random postures, with the lowest contact at rest on the ground."""
-    gait = contact_gait(name)
-    data = problem_data(gait.problem)
+    data = problem_data(contact_problem(name))
     section = {"section": data["gait"]["section"]} if "section" in data["gait"] else {}
-    problem = go.parse_problem(json.dumps(data | {"gait": {"phases": "auto", **section}}))
-    found = search(SearchPlan(problem=problem, starts=1), ResumableJobs(workers=Workers(count=1)))
-    assert gait.period in [pytest.approx(each.period, rel=1e-9) for each in found]
+    found = searched(go.parse_problem(json.dumps(data | {"gait": {"phases": "auto", **section}})), starts=1)
+    assert contact_gait(name).period in [pytest.approx(each.period, rel=1e-9) for each in found]
 
 
 @pytest.mark.slow

@@ -1,14 +1,16 @@
 """Gaits found without a mode sequence or a guess."""
 
 from dataclasses import replace
+from io import StringIO
 
 import numpy as np
 import pytest
+from named import named, verification
+from rich.console import Console
 
-import gaitopt as go
 from gaitopt import Status, find, load_problem, solve
 from gaitopt.errors import GaitoptWarning, UnknownNameError
-from gaitopt.search.candidates import SearchJob, find_candidates
+from gaitopt.search.candidates import SearchJob, cycle_record, find_candidates
 from gaitopt.search.find import (
     MOST_BOXES,
     SearchPlan,
@@ -20,6 +22,7 @@ from gaitopt.search.find import (
     with_open_modes,
 )
 from gaitopt.search.starts import around_guess, box_around, natural_limits, start_box
+from gaitopt.show.tables import print_gaits
 from gaitopt.systems import problem_dynamics
 from gaitopt.workers.jobs import FailedJob
 
@@ -31,6 +34,9 @@ def open_problem(name, overrides=None):
     """A named problem without its sequence and its guess."""
     problem = load_problem(name).replace({"gait.phases": "auto"} | (overrides or {}))
     return replace(problem, start=None)
+
+
+UPHILL = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
 
 
 def cycles(gaits):
@@ -55,15 +61,16 @@ def test_the_wheel_has_one_gait_however_many_starts_lead_to_it(wheel):
     assert cycles(wheel) == ["stick, slip_forward; stick"]
     assert len(wheel.starts[0]) > 20
     assert wheel[0].verification["passed"]
-
-
-def test_the_record_has_gaits_with_the_keys_of_solve_and_what_was_searched(wheel):
-    gait = solve(load_problem("rimless-wheel-slip"))
-    np.testing.assert_allclose(wheel[0].state, gait.state, atol=1e-10)
+    np.testing.assert_allclose(wheel[0].state, named("rimless-wheel-slip").state, atol=1e-10)
     record = wheel.to_record()
     assert record["problem"] == "rimless-wheel-slip"
     assert record["gaits"][0].keys() >= wheel[0].to_record().keys()
     assert record["searched"]["starts"] == {"simulation": 500, "families": 2}
+    assert repr(wheel) == "<Gaits of rimless-wheel-slip: 1 gait, stable, found from 502 starts; there may be more>"
+    assert counted_gaits([]) == "no gait"
+    assert counted_gaits([False]) == "1 gait, unstable"
+    assert counted_gaits([False, False]) == "2 gaits, none of them stable"
+    assert counted_gaits([True, False]) == "2 gaits, 1 of them stable"
 
 
 def test_the_last_box_surrounds_the_gait_and_is_stated_with_two_digits(wheel):
@@ -97,13 +104,10 @@ def test_a_range_that_is_given_stays_and_a_gait_beyond_it_is_a_warning():
 @pytest.mark.slow
 def test_a_search_that_resumes_has_the_boxes_and_the_gaits_of_one_without_a_stop(wheel, tmp_path):
     done = []
-
-    def count(n, total):
-        done.append(n)
-
+    options = {"starts": 1, "output": tmp_path / "run", "progress": lambda n, total: done.append(n)}
     with pytest.raises(KeyboardInterrupt):
-        find(wheel.problem, starts=1, output=tmp_path / "run", progress=count, should_stop=lambda: len(done) > 2)
-    resumed = find(wheel.problem, starts=1, output=tmp_path / "run", progress=count)
+        find(wheel.problem, should_stop=lambda: len(done) > 2, **options)
+    resumed = find(wheel.problem, **options)
     assert len(done) == 4  # one part in the first box, two families, one part in the box around the gait
     assert resumed.searched == wheel.searched
     assert [gait.state.tolist() for gait in resumed] == [gait.state.tolist() for gait in wheel]
@@ -117,37 +121,15 @@ def test_a_search_at_its_time_limit_is_not_complete_and_one_with_a_folder_goes_o
     assert told[0][0].state.tolist() == wheel[0].state.tolist()
 
 
-@pytest.mark.slow
-def test_without_a_gait_the_box_is_halved():
-    uphill = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
-    boxes = find(uphill, starts=1, progress=False).searched["boxes"]
-    assert len(boxes) == MOST_BOXES
-    assert boxes[-1]["dtheta"][1] == pytest.approx(boxes[0]["dtheta"][1] / 2 ** (MOST_BOXES - 1))
-
-
 def test_a_box_ends_at_the_natural_limits(wheel):
     dynamics = wheel[0].dynamics
     limits = natural_limits(dynamics, wheel.problem.map_section)
     assert (box_around(wheel.problem, dynamics, limits[None] * 0.9).upper > limits).all()
-    fast = replace(wheel[0], steps=(replace(wheel[0].steps[0], arcs=(fast_arc(wheel[0], limits * 0.9),)),))
+    arc = wheel[0].arcs[0]
+    states = np.vstack([dynamics.lift(limits * 0.9), arc.states[1:]])
+    fast = replace(wheel[0], steps=(replace(wheel[0].steps[0], arcs=(replace(arc, states=states),)),))
     box = grown_box(SearchPlan(problem=wheel.problem), dynamics, start_box(wheel.problem, dynamics, {}), [fast])
     assert box.upper[0] == limits[0]
-
-
-def fast_arc(gait, xi):
-    """The first arc of a gait, from other section coordinates."""
-    arc = gait.steps[0].arcs[0]
-    states = arc.states.copy()
-    states[0] = gait.dynamics.lift(xi)
-    return replace(arc, states=states)
-
-
-def test_the_summary_says_how_many_gaits_are_stable_and_that_there_may_be_more(wheel):
-    assert repr(wheel) == "<Gaits of rimless-wheel-slip: 1 gait, stable, found from 502 starts; there may be more>"
-    assert counted_gaits([]) == "no gait"
-    assert counted_gaits([False]) == "1 gait, unstable"
-    assert counted_gaits([False, False]) == "2 gaits, none of them stable"
-    assert counted_gaits([True, False]) == "2 gaits, 1 of them stable"
 
 
 @pytest.mark.slow
@@ -175,19 +157,26 @@ def test_a_known_sequence_is_ignored_and_a_step_length_is_no_start_of_a_search(w
 
 
 def test_where_nothing_walks_nothing_is_listed_and_solve_says_what_was_tried():
-    uphill = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
-    part = find_candidates(SearchJob(problem=uphill, method="simulation", number=0, seed=0, within={}))
-    gaits = gaits_of(uphill, [part])
-    assert (len(gaits), gaits.to_record()["gaits"]) == (0, [])
-    gait = solve(uphill)
+    gait = solve(UPHILL)
     assert gait.status is Status.NOT_CONVERGED
     assert gait.message.endswith("no gait was found from 2000 starts of simulation")  # in five boxes
     assert gait.to_record()["phases"] == []
+    job = SearchJob(problem=UPHILL, method="simulation", number=3, seed=7, within={})
+    part = find_candidates(job)
+    assert part == find_candidates(job)  # whatever the other parts of the search do
+    gaits = gaits_of(UPHILL, [part])
+    assert (len(gaits), gaits.to_record()["gaits"]) == (0, [])
 
 
-def test_a_candidate_that_is_no_gait_is_rejected_with_its_reason():
-    problem = open_problem("rimless-wheel-slip")
-    gait = solve(load_problem("rimless-wheel-slip"))
+@pytest.mark.slow
+def test_without_a_gait_the_box_is_halved():
+    boxes = find(UPHILL, starts=1, progress=False).searched["boxes"]
+    assert len(boxes) == MOST_BOXES
+    assert boxes[-1]["dtheta"][1] == pytest.approx(boxes[0]["dtheta"][1] / 2 ** (MOST_BOXES - 1))
+
+
+def test_a_candidate_that_is_no_gait_is_rejected_with_its_reason_and_a_part_that_failed_is_named():
+    problem, gait = open_problem("rimless-wheel-slip"), named("rimless-wheel-slip")
     wrong = {**gait.to_record(), "start": "test"}
     wrong["steps"] = [{"phases": [{"mode": "stick", "duration": gait.period}], "impact": "stick"}]
     faster = {**wrong["state"], "dtheta": 1.01 * wrong["state"]["dtheta"]}
@@ -197,19 +186,11 @@ def test_a_candidate_that_is_no_gait_is_rejected_with_its_reason():
     (rejected,) = gaits.searched["rejected"]
     assert "needs friction 0.9141" in rejected["reason"]
     assert rejected["starts"] == ["test", "another"]
-
-
-def test_a_requested_impact_excludes_the_others_and_a_part_of_the_search_that_failed_is_named(wheel):
-    problem = open_problem("rimless-wheel-slip", {"gait.impact": "slip_forward"})
-    candidate = {**wheel[0].to_record(), "steps": [wheel[0].to_record()], "start": "test"}
-    part = {"method": "simulation", "starts": 1, "candidates": [candidate]}
-    gaits = gaits_of(problem, [part, FailedJob(reason="it took 3 workers with it")])
-    assert (len(gaits), gaits.searched["failed"]) == (0, ["it took 3 workers with it"])
-
-
-def test_candidates_do_not_depend_on_other_parts_of_the_search():
-    job = SearchJob(problem=open_problem("rimless-wheel-slip"), method="simulation", number=3, seed=7, within={})
-    assert find_candidates(job) == find_candidates(job)
+    candidate = {**gait.to_record(), "steps": [gait.to_record()], "start": "test"}
+    parts = [{"method": "simulation", "starts": 1, "candidates": [candidate]}, FailedJob(reason="it took 3 workers")]
+    assert len(gaits_of(problem, parts)) == 1
+    other = gaits_of(problem.replace({"gait.impact": "slip_forward"}), parts)  # which excludes this impact
+    assert (len(other), other.searched["failed"]) == (0, ["it took 3 workers"])
 
 
 def test_start_states_lie_within_the_box_that_is_given_whose_coordinates_must_be_there():
@@ -219,26 +200,15 @@ def test_start_states_lie_within_the_box_that_is_given_whose_coordinates_must_be
     assert (box.lower[index], box.upper[index]) == (0.1, 0.2)
     with pytest.raises(UnknownNameError, match=r"within phi.*use theta1"):
         find(problem, within={"phi": (0, 1)})
-
-
-def test_starts_of_a_walker_with_several_contacts_lie_in_the_ranges_that_are_given():
-    problem = go.load_problem("crawler")
-    dynamics, spans = problem_dynamics(problem), {"gap": (0.4, 0.41)}
-    states = around_guess(problem, dynamics, 5, np.random.default_rng(0), exact=False, within=spans)
+    crawler = load_problem("crawler")
+    dynamics, span = problem_dynamics(crawler), (0.4, 0.41)
+    states = around_guess(crawler, dynamics, 5, np.random.default_rng(0), exact=False, within={"gap": span})
     heights = np.array([np.asarray(dynamics.system.contact_points(state, dynamics.p)[0]).ravel() for state in states])
     assert heights == pytest.approx(0, abs=1e-9)
-    for name, (lower, upper) in spans.items():
-        column = states[:, dynamics.system.state_names.index(name)]
-        assert ((lower <= column) & (column <= upper)).all()
+    gaps = states[:, dynamics.system.state_names.index("gap")]
+    assert ((span[0] <= gaps) & (gaps <= span[1])).all()
     with pytest.raises(UnknownNameError, match=r"within height: not a coordinate just after an impact; use gap"):
-        go.find(problem, within={"height": (0, 1)}, progress=False)
-
-
-def test_a_closed_problem_has_the_sequence_and_the_motion_of_the_record():
-    gait = solve(load_problem("compass-passive-b"))
-    problem = open_problem("compass-passive-b").with_gait(gait.to_record())
-    assert problem.cycle == gait.problem.cycle
-    assert problem.guess.durations == tuple(duration for _, duration in gait.phases)
+        find(crawler, within={"height": (0, 1)}, progress=False)
 
 
 @pytest.mark.slow
@@ -308,3 +278,49 @@ def test_the_passive_compass_has_exactly_gaits_a_and_b_of_which_solve_takes_the_
     assert [each.spectral_radius < 1 for each in gaits] == [True, False]
     assert str(gait.problem.cycle) == SEQUENCE_A
     assert gait.problem.digest == open_problem("compass-passive-a").digest
+
+
+@pytest.fixture(scope="module")
+def gait():
+    return named("rimless-wheel-stick").verified(verification("rimless-wheel-stick").to_record())
+
+
+def part(candidates, method="simulation"):
+    return {"method": method, "starts": len(candidates), "candidates": candidates}
+
+
+def test_a_gait_walked_several_times_is_the_candidate_of_one_step_that_closes_the_problem_with_its_motion(gait):
+    once = cycle_record(gait.system, gait.steps, "a")
+    assert cycle_record(gait.system, gait.steps * 3, "a") == once
+    assert len(once["steps"]) == 1
+    problem = gait.problem.with_gait(once)
+    assert problem.cycle == gait.problem.cycle
+    assert problem.guess.durations == pytest.approx([duration for _, duration in gait.phases])
+
+
+def test_starts_that_lead_to_a_known_gait_are_counted_with_it(gait):
+    candidates = [cycle_record(gait.system, gait.steps, name) for name in "ab"]
+    open_problem = gait.problem.replace({"gait.phases": "auto"})
+    gaits = gaits_of(open_problem, [part(candidates)], known=[gait])
+    assert gaits.starts == (("a", "b"),)
+    assert gaits.searched["starts"] == {"simulation": 2}
+
+
+def test_a_gait_that_the_simulator_refutes_is_rejected_with_the_claims_that_do_not_hold_and_their_outcomes(gait):
+    changes = {
+        "period": {"figure": 2e-7, "passed": False, "outcome": "fails"},
+        "multipliers": {"figure": None, "passed": False, "outcome": "not_examined", "note": "the wheel falls"},
+        "perturbation": {"figure": None, "passed": False, "outcome": "no_linear_range", "note": "too bent"},
+    }
+    claims = [claim | changes.get(claim["name"], {}) for claim in gait.verification["claims"]]
+    refuted = gait.verified({**gait.verification, "passed": False, "claims": claims})
+    open_problem = gait.problem.replace({"gait.phases": "auto"})
+    gaits = gaits_of(open_problem, [part([cycle_record(gait.system, gait.steps, "a")])], known=[refuted])
+    assert not gaits
+    (rejected,) = gaits.searched["rejected"]
+    assert rejected["reason"].startswith("the simulator does not confirm it: period: fails (2e-07, limit 1e-09)")
+    assert "; multipliers: not examined, the wheel falls" in rejected["reason"]
+    assert rejected["reason"].endswith("; perturbation: no linear range, too bent")
+    console = Console(file=StringIO(), width=1000)
+    print_gaits(console, gaits.to_record())
+    assert rejected["reason"] in console.file.getvalue()

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from named import named
+from named import named, solved
 
 import gaitopt as go
 from gaitopt.cli.main import main
@@ -29,7 +29,7 @@ def on_floor(gait, friction):
     return last.gait
 
 
-def solved(freed, friction, near):
+def by_solve(freed, friction, near):
     """The gait of a control on a floor, by ``solve`` from the motion of a known gait."""
     problem = go.load_problem(NAME).at_own_value().with_fixed(freed).replace({"friction": friction})
     return go.solve(problem.with_gait(near).from_guess(), progress=False)
@@ -88,7 +88,7 @@ def test_the_robust_compass_is_a_gait_at_41_frictions_by_solve_and_by_continuati
     assert over.binding == {"speed": 0.12}
     for friction in np.linspace(0.12, 0.2, 41).tolist():
         continued = on_floor(gait, friction)
-        other = solved(gait.freed, friction, continued)
+        other = by_solve(gait.freed, friction, continued)
         assert other.converged, f"{friction}: {other.message}"
         assert go.verify(other).passed
         assert other.spectral_radius <= 0.85
@@ -140,7 +140,7 @@ def test_no_neighbour_of_the_robust_compass_is_better():
     for _ in range(40):
         changes = 1 + 1e-3 * random.normal(size=2)
         freed = {key: value * part for (key, value), part in zip(gait.freed.items(), changes.tolist(), strict=True)}
-        gaits = [solved(freed, friction, near) for friction, near in zip(frictions, known, strict=True)]
+        gaits = [by_solve(freed, friction, near) for friction, near in zip(frictions, known, strict=True)]
         if all(each.converged for each in gaits) and min(each.scalar("speed") for each in gaits) >= 0.48:
             feasible += 1
             better += max(each.scalar(COST) for each in gaits) < gait.over.objective * (1 - 1e-8)
@@ -186,8 +186,7 @@ def test_an_interrupted_design_goes_on_from_where_it_ended():
     stopped = go.solve(NAME, progress=False, should_stop=stop)
     assert stopped.status == "interrupted"
     assert stopped.best is not None
-    gait = go.solve(NAME, start=stopped, progress=False)
-    assert gait.converged
+    gait = solved(NAME, start=stopped)
     assert gait.over.objective == pytest.approx(named(NAME).over.objective, rel=1e-8)
 
 

@@ -17,6 +17,7 @@ from gaitopt.solver.following import follow
 from gaitopt.solver.solve import solve_gait
 from gaitopt.systems import build_system
 
+PASSIVE, FREE_SLOPE = "compass-passive-a", {"free": [0.01, 0.03], "guess": 0.02}
 CHANGED = {
     "two values, and another gait near the guess": ("compass-passive-stick", {"friction": 0.6, "walker.slope": 0.07}),
     "a slope of 3 deg": ("compass-passive-a", {"walker.slope": 0.05235987755982989}),
@@ -80,16 +81,13 @@ def test_the_last_bits_of_a_changed_value_do_not_decide_the_outcome(name):
             assert gait.spectral_radius == pytest.approx(first.spectral_radius, abs=1e-8)
 
 
-def test_the_long_gait_stays_long_on_a_steeper_slope():
+def test_the_long_gait_stays_long_on_a_steeper_slope_until_its_family_ends_at_a_place_for_a_reason():
     problem = load_problem("compass-passive-stick").replace({"walker.slope": "3deg", "friction": 0.4})
     assert solve(problem.from_guess()).spectral_radius > 1  # the short, unstable gait of another family
     gait = solve(problem)
     assert gait.measures["period"] == pytest.approx(0.7878093885, abs=1e-9)
     assert gait.spectral_radius < 1
     assert "followed from the gait of the problem's file" in gait.message
-
-
-def test_a_near_value_takes_one_step_and_where_the_family_ends_place_and_reason_are_stated():
     assert solve(load_problem("rimless-wheel-stick").replace({"walker.slope": "13.1deg"})).message == "solved"
     gait = solve(load_problem("compass-passive-stick").replace({"friction": 0.16}))
     assert not gait.converged
@@ -116,40 +114,34 @@ def test_the_result_does_not_depend_on_what_was_solved_or_interrupted_before():
 
 
 @pytest.mark.parametrize(
-    "overrides",
+    ("name", "overrides"),
     [
-        {"gait.phases": "auto"},
-        {"gait.phases": ["slip_forward", "stick"]},
-        {"impact_law": "frictionless"},
-        {"gait.guess.state.theta1": -0.14, "friction": 0.16},
-        {"friction": {"static": 0.15, "kinetic": 0.14}},
-        {"walker.slope": {"free": [0.01, 0.03], "guess": 0.02}, "friction": 0.15, "constraints": {"speed": 0.4}},
+        (PASSIVE, {"gait.phases": "auto"}),
+        (PASSIVE, {"gait.phases": ["slip_forward", "stick"]}),
+        (PASSIVE, {"impact_law": "frictionless"}),
+        (PASSIVE, {"gait.guess.state.theta1": -0.14, "friction": 0.16}),
+        (PASSIVE, {"friction": {"static": 0.15, "kinetic": 0.14}}),
+        (PASSIVE, {"walker.slope": FREE_SLOPE, "friction": 0.15, "constraints": {"speed": 0.4}}),
+        ("rimless-wheel-stick", {"walker.spokes": 9}),
+        ("crawler", {"friction": 0.5}),  # one for all contacts
     ],
 )
-def test_only_other_values_of_parameters_keep_the_gait_of_the_file(overrides):
-    problem = load_problem("compass-passive-a").replace(overrides)
+def test_only_other_values_of_parameters_keep_the_gait_of_the_file(name, overrides):
+    problem = load_problem(name).replace(overrides)
     assert problem.followed_from is None
-    assert problem.from_guess().digest == problem.digest
-
-
-def test_integers_and_unchanged_problems_and_one_friction_for_all_contacts_are_not_followed():
-    wheel, crawler = load_problem("rimless-wheel-stick"), load_problem("crawler")
-    assert wheel.replace({"walker.spokes": 9}).followed_from is None
-    assert wheel.replace({"friction": wheel.friction}) == wheel
-    assert crawler.replace({"friction": 0.5}).followed_from is None
-    assert crawler.replace({"friction": 0.5}).digest != crawler.digest
+    assert problem.from_guess().digest == problem.digest != load_problem(name).digest
 
 
 def test_changes_one_after_the_other_are_followed_from_the_file():
-    text = load_problem("compass-passive-a").text
-    first = parse_problem(text)
+    first = load_problem(PASSIVE)
+    assert first.replace({"friction": first.friction}) == first
     changed = first.replace({"friction": 0.13}).replace({"walker.slope": 0.02})
     assert changed.followed_from == first
     assert changed.replace({"friction": 0.14, "walker.slope": first.parameters["walker.slope"]}) == first
 
 
 def test_the_digest_covers_where_a_gait_is_followed_from():
-    text = load_problem("compass-passive-a").text
+    text = load_problem(PASSIVE).text
     here = parse_problem(text).replace({"friction": 0.13})
     elsewhere = parse_problem(text.replace("friction: 0.14", "friction: 0.15")).replace({"friction": 0.13})
     alone = parse_problem(text.replace("friction: 0.14", "friction: 0.13"))
@@ -158,7 +150,7 @@ def test_the_digest_covers_where_a_gait_is_followed_from():
     assert here.from_guess().digest == alone.digest
 
 
-def test_a_restored_problem_is_followed_from_the_same_place(tmp_path):
+def test_a_restored_problem_is_followed_from_the_same_place_and_one_of_an_earlier_version_from_none(tmp_path):
     problem = load_problem("compass-passive-stick").replace({"friction": 0.4, "walker.slope": "3deg"})
     restored = restore_problem(problem.resolved())
     assert restored.digest == problem.digest
@@ -168,10 +160,7 @@ def test_a_restored_problem_is_followed_from_the_same_place(tmp_path):
     again: Problem = restore_gait(tmp_path / "run").problem
     assert again.digest == problem.digest
     assert np.array_equal(solve(again).state, gait.state)
-
-
-def test_a_folder_of_an_earlier_version_is_its_own_problem():
-    record = load_problem("compass-passive-a").replace({"friction": 0.13}).resolved()
+    record = problem.resolved()
     del record["followed_from"]
     restored = restore_problem(record)
     assert restored.followed_from is None

@@ -1,12 +1,15 @@
 """Motors that push a walker from outside: a wind on every mass does what a slope does, and a tow does its work."""
 
+import re
+from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from casadi import SX, Function
-from named import named
+from named import named, solved
 
 import gaitopt as go
 from gaitopt.engines.plant import Reference
@@ -21,12 +24,6 @@ SLOPE = np.radians(1)
 G = 9.8
 
 
-def with_motors(plain: go.Mechanism, *motors: Any) -> go.Mechanism:
-    return go.Mechanism(
-        **{name: getattr(plain, name) for name in plain.__dataclass_fields__ if name != "motors"}, motors=motors
-    )
-
-
 class WindyCompass(CompassBiped):
     """A compass whose masses a horizontal wind pushes in proportion to their mass."""
 
@@ -38,9 +35,9 @@ class WindyCompass(CompassBiped):
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> go.Mechanism:
         """The wind acts on the centre of mass."""
-        plain = CompassBiped.mechanism(q, p)
+        plain = super().mechanism(q, p)
         mass = sum(body.mass for body in plain.bodies)
-        return with_motors(plain, sum((body.mass * body.position[0] for body in plain.bodies), SX(0)) / mass)
+        return replace(plain, motors=(sum((body.mass * body.position[0] for body in plain.bodies), SX(0)) / mass,))
 
 
 class TowedCrawler(Crawler):
@@ -54,24 +51,24 @@ class TowedCrawler(Crawler):
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> go.Mechanism:
         """The rope has the direction (0.8, 0.6)."""
-        plain = Crawler.mechanism(q, p)
-        return with_motors(plain, q.gap, 0.8 * (q.x + q.gap) + 0.6 * (q.y + q.rise))
+        rope = 0.8 * (q.x + q.gap) + 0.6 * (q.y + q.rise)
+        return replace(super().mechanism(q, p), motors=(q.gap, rope))
 
 
-def windy() -> go.Problem:
+@cache
+def windy() -> go.Gait:
     """The passive compass on level ground, in a wind that has the effect of its slope."""
     text = go.load_problem("compass-passive-a").text
     text = text.replace("compass_biped", "windy_compass")
     text = text.replace("gravity: 9.8 ", f"gravity: {float(G * np.cos(SLOPE))!r} ")
     text = text.replace("slope: 1 deg", "slope: 0")
-    force = float(10 * G * np.sin(SLOPE))
-    return go.parse_problem(f"{text}control: {{type: constant_torque, wind: {force!r}}}\n", walkers=[WindyCompass])
+    text += f"control: {{type: constant_torque, wind: {float(10 * G * np.sin(SLOPE))!r}}}\n"
+    return solved(go.parse_problem(text, walkers=[WindyCompass]))
 
 
 def test_a_wind_on_level_ground_is_a_slope() -> None:
     """Motion, contact forces, slips and multipliers are the same; the wind does the work of gravity."""
-    passive, gait = named("compass-passive-a"), go.solve(windy(), progress=False)
-    assert gait.converged
+    passive, gait = named("compass-passive-a"), windy()
     assert gait.period == pytest.approx(passive.period, abs=1e-10)
     np.testing.assert_allclose(gait.state, passive.state, atol=1e-10)
     np.testing.assert_allclose(gait.multipliers, passive.multipliers, atol=1e-8)
@@ -82,11 +79,13 @@ def test_a_wind_on_level_ground_is_a_slope() -> None:
     verification = go.verify(gait)
     assert verification.passed
     assert "energy balance" in {claim.name for claim in verification.claims}
+    with pytest.raises(ProblemError, match="windy_compass has motors that push from outside; the engines cannot model"):
+        Reference(gait)
 
 
 def test_the_momentum_along_the_ground_changes_by_friction_and_wind() -> None:
     """Differences of the positions of the masses alone show it: m d2X/dt2 = f_t + F."""
-    gait = go.solve(windy(), progress=False)
+    gait = windy()
     problem, force = gait.problem, gait.problem.parameters["control.wind"]
     eom = go.equations_of_motion(WindyCompass)
     mass_place = sum((body.mass * body.position[0] for body in eom.mechanism.bodies), SX(0))
@@ -103,34 +102,26 @@ def test_the_momentum_along_the_ground_changes_by_friction_and_wind() -> None:
         np.testing.assert_allclose(acceleration, observe(arc).force[:, 0] + force, atol=1e-3 * abs(force))
 
 
-def towed(tow: float) -> go.Problem:
-    text = go.load_problem("crawler").text.replace("model: crawler", "model: towed_crawler")
-    text = text.replace("first: {drive: 4.95}", f"first: {{drive: 4.95, tow: {tow}}}")
-    text = text.replace("second: {drive: -4.95}", f"second: {{drive: -4.95, tow: {tow}}}")
-    return go.parse_problem(text, walkers=[TowedCrawler])
-
-
 def test_a_tow_changes_both_forces_of_its_contact_and_does_work() -> None:
-    gait, plain = go.solve(towed(0.2), progress=False), named("crawler")
+    tow, text = 0.2, go.load_problem("crawler").text.replace("model: crawler", "model: towed_crawler")
+    text = re.sub("{drive: (-?4.95)}", rf"{{drive: \1, tow: {tow}}}", text)
+    gait, plain = go.solve(go.parse_problem(text, walkers=[TowedCrawler]), progress=False), named("crawler")
     assert gait.converged
     advance = gait.measures["step_length"]
     assert advance > plain.measures["step_length"] + 1e-3
     assert go.verify(gait).passed
     normal = [observe(arc).force[:, 1::2].sum(axis=1) for arc in gait.arcs]
     weight = 2.5 * 9.81 * np.cos(0.1)
-    np.testing.assert_allclose(np.concatenate(normal), weight - 0.6 * 0.2, rtol=1e-9)
+    np.testing.assert_allclose(np.concatenate(normal), weight - 0.6 * tow, rtol=1e-9)
     work = sum(curves.integral(observe(arc).power[:, 1], arc.duration) for arc in gait.arcs)
-    assert work == pytest.approx(0.2 * 0.8 * advance, rel=1e-9)
-
-
-def test_motors_from_outside_apply_forces() -> None:
+    assert work == pytest.approx(0.8 * tow * advance, rel=1e-9)
     assert actuator_units(WindyCompass) == {"wind": "N"}
     assert actuator_units(TowedCrawler) == {"drive": "N", "tow": "N"}
 
 
 def spoiled(attributes: dict[str, Any], motor: Any) -> type[CompassBiped]:
     def mechanism(cls: Any, q: SimpleNamespace, p: SimpleNamespace) -> go.Mechanism:
-        return with_motors(CompassBiped.mechanism(q, p), motor(q))
+        return replace(CompassBiped.mechanism(q, p), motors=(motor(q),))
 
     own = {"model": "spoiled", "actuators": ("wind",), "tracked": (), "__module__": __name__}
     return type("Spoiled", (CompassBiped,), {**own, "mechanism": classmethod(mechanism), **attributes})
@@ -147,12 +138,6 @@ def spoiled(attributes: dict[str, Any], motor: Any) -> type[CompassBiped]:
     ],
 )
 def test_only_a_motor_that_the_class_names_pushes_the_base(attributes: dict[str, Any], motor: Any, words: str) -> None:
-    text = windy().text.replace("windy_compass", "spoiled")
+    text = windy().problem.text.replace("windy_compass", "spoiled")
     with pytest.raises(ProblemError, match=words):
         go.parse_problem(text, walkers=[spoiled(attributes, motor)])
-
-
-def test_engines_refuse_motors_from_outside() -> None:
-    gait = go.solve(windy(), progress=False)
-    with pytest.raises(ProblemError, match="windy_compass has motors that push from outside; the engines cannot model"):
-        Reference(gait)

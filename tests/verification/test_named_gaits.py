@@ -5,13 +5,12 @@ with the digits that are known of them.
 """
 
 from collections.abc import Callable
-from functools import cache
 from math import cos, pi, radians, sin, sqrt, tan
 
 import numpy as np
 import pytest
-from named import named, verification
-from numpy.typing import NDArray
+from named import named, solved, verification
+from oracles import differences
 from samples import sampled
 from scipy.optimize import minimize_scalar
 
@@ -20,8 +19,6 @@ from gaitopt import Mode
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import FixedPoint, ReturnMap
-
-Array = NDArray[np.float64]
 
 STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
 AGREEMENT, MULTIPLIER_AGREEMENT = 1e-9, 1e-7
@@ -88,30 +85,12 @@ OTHERS = [
 ]
 
 
-def with_values(name: str, overrides: dict[str, object]) -> go.Problem:
-    problem = go.load_problem(name)
-    return problem.replace(overrides) if overrides else problem
-
-
-@cache
 def simulated(name: str) -> tuple[ReturnMap, FixedPoint]:
     """Fixed point of the simulator's return map, by Newton's method from three digits of the gait."""
     gait = named(name)
     return_map = ReturnMap(Simulator(gait.dynamics), gait.problem.cycle.impact)
     section = gait.state[gait.system.section(gait.problem.cycle.impact).indices]
-    return return_map, return_map.fixed_point(np.round(section, 4))
-
-
-@cache
-def differences(name: str) -> Array:
-    """Derivative of the return map by central differences of simulated steps, of fourth order."""
-    return_map, xi = simulated(name)[0], simulated(name)[1].xi
-
-    def column(unit: Array) -> Array:
-        far, near, ahead, beyond = (return_map(xi + k * DIFFERENCE * unit).xi for k in (-2, -1, 1, 2))
-        return (8 * (ahead - near) - (beyond - far)) / (12 * DIFFERENCE)
-
-    return np.column_stack([column(unit) for unit in np.eye(xi.size)])
+    return return_map, return_map.fixed_point(np.round(section, 3))
 
 
 @pytest.mark.parametrize("name", NAMED)
@@ -123,10 +102,11 @@ def test_gait_has_the_modes_of_the_paper_and_every_claim_about_it_holds(name: st
     assert check.to_record()["mode_sequence_matches"]
 
 
-MECHANISMS = ["compass-push-off", "round-feet-passive", "compass-unequal", "telescopic-passive", "hopper", "slip-run"]
+MECHANISMS = ("compass-push-off", "round-feet-passive", "compass-unequal", "telescopic-passive", "hopper", "slip-run")
+LONG = ("torso-passive", "rabbit-optimal", "rabbit-tracked", "rabbit-hzd", "rabbit-hzd-slip")
 
 
-@pytest.mark.parametrize("name", [*MECHANISMS, pytest.param("torso-passive", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", [*MECHANISMS, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)])
 def test_both_engines_confirm_gaits_of_other_mechanisms(name: str) -> None:
     assert verification(name).passed
     pytest.importorskip("heyoka")
@@ -141,30 +121,26 @@ def test_figure_is_the_known_one_to_all_its_digits(name: str, figure: str, value
 
 @pytest.mark.portable
 @pytest.mark.parametrize("name", NAMED)
-def test_simulator_finds_the_same_gait_by_itself(name: str) -> None:
+def test_simulator_finds_the_same_gait_by_itself_and_multipliers_agree_three_ways(name: str) -> None:
+    """A slip velocity after the impact is forgotten when the foot sticks: one multiplier is zero."""
     gait, (return_map, point) = named(name), simulated(name)
+    central = differences(lambda xi: return_map(xi).xi, point.xi, DIFFERENCE)
     assert point.converged
     assert np.abs(gait.dynamics.lift(point.xi) - gait.state).max() < AGREEMENT
     assert point.cycle.steps[0].period == pytest.approx(gait.period, abs=AGREEMENT)
     assert return_map.section is gait.system.section(gait.problem.cycle)
-
-
-@pytest.mark.parametrize("name", NAMED)
-def test_multipliers_agree_three_ways(name: str) -> None:
-    """A slip velocity after the impact is forgotten when the foot sticks: one multiplier is zero."""
-    implicit, (_, point), central = named(name).multipliers, simulated(name), differences(name)
     assert np.abs(central - point.jacobian).max() < 1e-7 * np.abs(point.jacobian).max()
     saltation = floquet_multipliers(point.jacobian)
-    assert multiplier_distance(implicit, saltation) < MULTIPLIER_AGREEMENT
+    assert multiplier_distance(gait.multipliers, saltation) < MULTIPLIER_AGREEMENT
     assert multiplier_distance(floquet_multipliers(central), saltation) < 1e-6
-    assert multiplier_distance(floquet_multipliers(central), implicit) < 1e-6
-    assert abs(implicit[-1]) < 1e-9 or NAMED[name][1] is STICK
+    assert multiplier_distance(floquet_multipliers(central), gait.multipliers) < 1e-6
+    assert abs(gait.multipliers[-1]) < 1e-9 or NAMED[name][1] is STICK
 
 
 @pytest.mark.parametrize(("name", "radius"), [("compass-passive-b", 2.758), ("compass-torque-impact-slip", 1.241)])
 def test_frictionless_slipping_impact_gives_the_multiplier_that_is_printed(name: str, radius: float) -> None:
     """For this law the paper also states that gait B takes half the angle of gait A."""
-    gait = go.solve(with_values(name, {"impact_law": "frictionless"}))
+    gait = go.solve(go.load_problem(name).replace({"impact_law": "frictionless"}))
     assert gait.spectral_radius == pytest.approx(radius, abs=5e-4)
     assert go.verify(gait).passed
     if name == "compass-passive-b":
@@ -181,7 +157,7 @@ BEYOND = [
 
 @pytest.mark.parametrize(("beyond_end", "radius", "cost", "digits"), sampled(BEYOND, 3))
 def test_what_the_reference_does_beyond_its_end_decides_the_multiplier(beyond_end, radius, cost, digits):
-    gait = go.solve(with_values("compass-pd-impact-slip", {"control.reference.beyond_end": beyond_end}))
+    gait = go.solve(go.load_problem("compass-pd-impact-slip").replace({"control.reference.beyond_end": beyond_end}))
     assert gait.spectral_radius == pytest.approx(radius, abs=5e-4)
     assert gait.measures["cost_of_transport"] == pytest.approx(cost, abs=0.5 * 10**-digits)
     assert go.verify(gait).passed
@@ -192,8 +168,7 @@ def test_what_the_reference_does_beyond_its_end_decides_the_multiplier(beyond_en
 
 @pytest.mark.parametrize(("name", "overrides"), sampled(OTHERS, 3), ids=str)
 def test_both_methods_agree_for_other_parameters_from_the_same_guess(name: str, overrides: dict[str, object]) -> None:
-    gait = go.solve(with_values(name, overrides))
-    assert gait.converged
+    gait = solved(go.load_problem(name).replace(overrides))
     assert [claim for claim in go.verify(gait).claims if not claim.passed] == []
 
 
@@ -204,7 +179,7 @@ WHEELS = [(10, 1 / 3, 13.0), (8, 0.2, 14.0), (12, 0.5, 10.0), (20, 1.0, 6.0), (6
 def test_wheel_follows_its_closed_forms(spokes: int, kappa: float, slope: float) -> None:
     """Eqs (14)-(20), in units radius = mass = gravity = 1 and physical time."""
     shape = {"walker.spokes": spokes, "walker.inertia_ratio": kappa, "walker.slope": f"{slope} deg"}
-    gait = go.solve(with_values("rimless-wheel-stick", shape | {"friction": 5.0}))
+    gait = go.solve(go.load_problem("rimless-wheel-stick").replace(shape | {"friction": 5.0}))
     half, alpha = pi / spokes, radians(slope)
     beta = (cos(2 * half) + kappa) / (1 + kappa)
     rate = beta * sqrt(4 * sin(half) * sin(alpha) / (1 - beta**2)) / sqrt(1 + kappa)
@@ -233,18 +208,33 @@ def test_wheel_follows_its_closed_forms(spokes: int, kappa: float, slope: float)
     assert gait.measures["work"] == gait.measures["peak_torque"] == 0
 
 
-@pytest.mark.parametrize("length", [0.4, 2.4])
-def test_compass_obeys_the_law_of_dimensions(length: float) -> None:
-    """Angles do not change with the size of the walker, times go with the square root of its length."""
-    small = {"walker.leg_length": length, "walker.leg_com": length / 2, "walker.leg_mass": 8, "walker.hip_mass": 4}
-    model, unit = named("compass-passive-a"), sqrt(1.6 / length)
-    theta1, dtheta1, dtheta2 = model.state[[0, 3, 4]] * [1, unit, unit]
-    guess = {"theta1": theta1, "dtheta1": 1.01 * dtheta1, "dtheta2": 0.99 * dtheta2}
-    gait = go.solve(with_values("compass-passive-a", {**small, "gait.guess.state": guess}))
-    assert go.verify(gait).passed
-    assert gait.period == pytest.approx(model.period / unit, rel=1e-10)
-    assert gait.state[[0, 3, 4]] == pytest.approx(model.state[[0, 3, 4]] * [1, unit, unit], rel=1e-9)
-    assert multiplier_distance(gait.multipliers, model.multipliers) < 1e-9
-    assert gait.measures["speed"] == pytest.approx(model.measures["speed"] / unit, rel=1e-10)
-    assert gait.measures["min_normal_force"] == pytest.approx(2 * model.measures["min_normal_force"], rel=1e-9)
-    assert gait.measures["impulse_ratio"] == pytest.approx(model.measures["impulse_ratio"], rel=1e-9)
+@pytest.mark.slow
+def test_the_multiplier_under_virtual_constraints_is_that_of_the_zero_dynamics():
+    gait = named("rabbit-hzd")
+    assert gait.constraints.invariant
+    assert gait.constraints.delta_squared == pytest.approx(gait.spectral_radius, abs=1e-9)
+    assert gait.spectral_radius == pytest.approx(0.66617, abs=1e-5)
+    assert named("rabbit-tracked").spectral_radius > 5  # over time
+
+
+@pytest.mark.slow
+def test_less_friction_makes_the_foot_slip_backward_then_forward_too_until_it_lifts_off():
+    stick, forward, backward = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
+    branch = go.continuation(named("rabbit-hzd"), "friction", to=0.3)
+    found = [(special.type, special.value) for special in branch.specials]
+    assert [kind for kind, _ in found] == ["mode_change", "impact_change", "lift_off"]
+    assert [value for _, value in found] == pytest.approx([0.566667, 0.460901, 0.360218], abs=1e-6)
+    sequences = [special.after for special in branch.specials[:2]]
+    assert [sequence.phases for sequence in sequences] == [(stick, backward), (forward, stick, backward)]
+    assert [sequence.impact for sequence in sequences] == [stick, forward]
+    assert all(point.gait.spectral_radius < 1 for point in branch.points)
+
+
+@pytest.mark.slow
+def test_tracking_errors_of_motors_are_those_of_their_angles():
+    gait, reference = named("rabbit-tracked"), named("rabbit-optimal")
+    assert gait.problem.walker.tracked == gait.problem.walker.actuators
+    errors = gait.to_record()["tracking_errors"]
+    torso, thigh, shin = (gait.state[k] - reference.state[k] for k in (0, 1, 2))
+    assert errors["stance_hip"]["start"] == pytest.approx(thigh - torso, abs=1e-9)
+    assert errors["stance_knee"]["start"] == pytest.approx(shin - thigh, abs=1e-9)

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from named import named
+from named import named, solved
 from orbit_files import changed, differing, written
 
 import gaitopt as go
@@ -29,9 +29,7 @@ def with_feedback(feedback, name=NAME, **changes):
 
 @cache
 def closed(design):
-    gait = go.solve(with_feedback({"design": design}), progress=False)
-    assert gait.converged, gait.message
-    return gait
+    return solved(with_feedback({"design": design}))
 
 
 @pytest.mark.parametrize(("design", "radius"), [("lqr", 0.786), ("deadbeat", 0.0), ("minimum_radius", 0.3)])
@@ -71,20 +69,21 @@ def test_a_gait_with_feedback_is_verified_and_walks_from_beside_it():
         assert near is returns
 
 
+def corrected(walk, key):
+    """The values of a parameter in the steps of a walk."""
+    return [step.arcs[0].dynamics.parameter(key) for step in walk.trajectory.steps]
+
+
 def test_limits_bound_the_corrected_parameters():
-    gait = closed("lqr")
-    hip = gait.dynamics.parameter("control.hip")
-    limited = go.solve(
-        with_feedback({"design": "lqr", "limits": {"control.hip": [hip - 0.01, hip + 0.02]}}), progress=False
-    )
-    beside = {"theta1": 1.02 * gait.state[0]}
+    gait, key = closed("lqr"), "control.hip"
+    hip = gait.dynamics.parameter(key)
+    limits = {"design": "lqr", "limits": {key: [hip - 0.01, hip + 0.02]}}
+    limited = go.solve(with_feedback(limits), progress=False)
     for each, bounded in ((limited, True), (gait, False)):
-        walk = go.simulate(each, beside, steps=5)
-        used = [step.arcs[0].dynamics.parameter("control.hip") for step in walk.trajectory.steps]
-        inside = all(hip - 0.01 - 1e-12 <= value <= hip + 0.02 + 1e-12 for value in used)
-        assert inside is bounded
+        used = corrected(go.simulate(each, {"theta1": 1.02 * gait.state[0]}, steps=5), key)
+        assert all(hip - 0.01 - 1e-12 <= value <= hip + 0.02 + 1e-12 for value in used) is bounded
     with pytest.raises(go.GaitoptError, match="must contain the nominal value"):
-        go.solve(with_feedback({"design": "lqr", "limits": {"control.hip": [hip + 1, hip + 2]}}), progress=False)
+        go.solve(with_feedback({"design": "lqr", "limits": {key: [hip + 1, hip + 2]}}), progress=False)
 
 
 @pytest.mark.parametrize("engine", ["scipy", "heyoka"])
@@ -93,11 +92,9 @@ def test_the_correction_of_a_walk_is_the_stated_one(engine):
     gait = closed("lqr")
     known, indices = gait.system.control.step_feedback.known, gait.system.section(gait.cycle).indices
     walk = go.simulate(gait, {"theta1": 1.01 * gait.state[0]}, steps=3, engine=engine)
-    for step in walk.trajectory.steps:
-        deviation = step.arcs[0].states[0][indices] - known.state
-        for key, row in zip(known.keys, known.gains, strict=True):
-            used = step.arcs[0].dynamics.parameter(key)
-            assert used == pytest.approx(gait.dynamics.parameter(key) + row @ deviation, abs=1e-12)
+    deviations = np.array([step.arcs[0].states[0][indices] for step in walk.trajectory.steps]) - known.state
+    for key, row in zip(known.keys, known.gains, strict=True):
+        assert corrected(walk, key) == pytest.approx(gait.dynamics.parameter(key) + deviations @ row, abs=1e-12)
 
 
 def test_many_states_at_once_are_corrected_like_one():
@@ -112,15 +109,13 @@ def test_many_states_at_once_are_corrected_like_one():
 
 
 def test_gains_and_state_keep_their_values_along_a_family():
-    gait = closed("lqr")
+    gait, key = closed("lqr"), "control.hip"
     known = gait.system.control.step_feedback.known
-    branch = go.continuation(gait, "friction", to=0.19, progress=False)
-    end = branch.points[-1].gait
+    end = go.continuation(gait, "friction", to=0.19, progress=False).points[-1].gait
     deviation = end.state[gait.system.section(gait.cycle).indices] - known.state
     assert np.abs(deviation).max() > 1e-5
-    assert end.arcs[0].dynamics.parameter("control.hip") == pytest.approx(
-        gait.dynamics.parameter("control.hip") + known.gains[known.keys.index("control.hip")] @ deviation, abs=1e-10
-    )
+    stated = gait.dynamics.parameter(key) + known.gains[known.keys.index(key)] @ deviation
+    assert end.arcs[0].dynamics.parameter(key) == pytest.approx(stated, abs=1e-10)
     assert go.verify(end).passed
     followed = go.solve(gait.problem.replace({"friction": 0.19}), progress=False)
     np.testing.assert_allclose(followed.state, end.state, atol=1e-9)
@@ -133,8 +128,7 @@ def test_gains_and_state_keep_their_values_along_a_family():
 def test_a_design_finds_the_least_gain_for_a_spectral_radius():
     entries, key = {"theta1": {"free": [0, 80], "guess": 20}}, "control.step_feedback.gains.control.hip.theta1"
     asked = {"objective": {key: 1.0}, "constraints": {"spectral_radius": {"max": 0.9}}}
-    gait = go.solve(with_feedback({"gains": {"control.hip": entries}}, **asked), progress=False)
-    assert gait.converged, gait.message
+    gait = solved(with_feedback({"gains": {"control.hip": entries}}, **asked))
     assert gait.spectral_radius == pytest.approx(0.9, abs=1e-8)
     linear = go.return_map_derivatives(named(NAME), ["control.hip"])
     gains = np.zeros((1, len(linear.names)))
@@ -187,6 +181,15 @@ def test_what_does_not_know_the_feedback_says_so():
     assert "feedback from step to step is not covered" in proof.to_record()["claims"][0]["words"]
 
 
+def assert_mapped_alike(gait, walk, engines=("scipy", "heyoka"), floor=None, tolerance=1e-11):
+    """Assert that the return map in other engines leads to where a walk of one cycle has come."""
+    indices = gait.system.section(gait.cycle).indices
+    for engine in engines[: 1 + is_installed()]:
+        mapped = go.return_map(gait, [walk.start[indices]], engine=engine, floor=floor)
+        np.testing.assert_allclose(mapped.states[0, :-1], walk.section_states[-1][indices], atol=tolerance)
+        assert mapped.times[0] == pytest.approx(walk.duration, abs=tolerance)
+
+
 def test_a_cycle_of_two_steps_is_corrected_once():
     problem = go.load_problem("compass-torque-stick")
     state = {name: problem.guess.state[name] for name in ("theta1", "dtheta1", "dtheta2")}
@@ -197,16 +200,11 @@ def test_a_cycle_of_two_steps_is_corrected_once():
     linear = go.return_map_derivatives(opened, known.keys)
     assert multiplier_distance(gait.multipliers, floquet_multipliers(linear.A + linear.B @ known.gains)) < 1e-9
     assert go.verify(gait).passed
-    first, second, third = go.simulate(gait, {"theta1": 1.01 * gait.state[0]}, steps=3).trajectory.steps
-    hips = [step.arcs[0].dynamics.parameter("control.hip") for step in (first, second, third)]
+    hips = corrected(go.simulate(gait, {"theta1": 1.01 * gait.state[0]}, steps=3), "control.hip")
     assert hips[0] == hips[1] != hips[2]
-    indices = gait.system.section(gait.cycle).indices
     for floor in (None, go.Floor(height=[0, 1e-4, -1e-4, 0])):
         walk = go.simulate(gait, {"theta1": 1.001 * gait.state[0]}, steps=2, floor=floor).trajectory
-        for engine in ("scipy", "heyoka")[: 1 + is_installed()]:
-            mapped = go.return_map(gait, [walk.start[indices]], engine=engine, floor=floor)
-            np.testing.assert_allclose(mapped.states[0, :-1], walk.section_states[-1][indices], atol=1e-11)
-            assert mapped.times[0] == pytest.approx(walk.duration, abs=1e-11)
+        assert_mapped_alike(gait, walk, floor=floor)
 
 
 TWO_REFERENCES = """
@@ -238,25 +236,27 @@ def test_the_orbit_file_exchanges_the_parameters_that_feedback_corrects():
     assert differing(changed(data, "statement/exchanged", lambda _: {}))
 
 
-def test_parameters_that_are_exchanged_within_the_cycle_are_corrected_in_both_steps():
+@pytest.mark.parametrize(
+    ("engines", "floor", "tolerance"),
+    [
+        (("scipy",), None, 1e-11),
+        *(
+            pytest.param(("scipy", "heyoka"), floor, 1e-7, marks=pytest.mark.slow)
+            for floor in (None, go.Floor(height=[0, 1e-9, 0]))
+        ),
+    ],
+)
+def test_parameters_that_are_exchanged_within_the_cycle_are_corrected_in_both_steps(engines, floor, tolerance):
     """A walk corrects them and then exchanges them; a return map corrects entries that are exchanged already."""
     gait = with_two_references()
     assert go.verify(gait).passed
     walk = go.simulate(gait, {"theta1": 1.003 * gait.state[0]}, steps=2).trajectory
-    indices = gait.system.section(gait.cycle).indices
-    mapped = go.return_map(gait, [walk.start[indices]], engine="scipy")
-    np.testing.assert_allclose(mapped.states[0, :-1], walk.section_states[-1][indices], atol=1e-11)
+    assert_mapped_alike(gait, walk, engines, floor, tolerance)
 
 
 @pytest.mark.slow
-def test_exchanged_parameters_are_corrected_on_tiles_in_batches_and_in_the_norm():
+def test_exchanged_parameters_are_corrected_in_the_norm():
     gait, change = with_two_references(), 1e-5
-    indices = gait.system.section(gait.cycle).indices
-    for floor in (None, go.Floor(height=[0, 1e-9, 0])):
-        walk = go.simulate(gait, {"theta1": 1.003 * gait.state[0]}, steps=2).trajectory
-        for engine in ("scipy", "heyoka")[: 1 + is_installed()]:
-            mapped = go.return_map(gait, [walk.start[indices]], engine=engine, floor=floor)
-            np.testing.assert_allclose(mapped.states[0, :-1], walk.section_states[-1][indices], atol=1e-7)
     periods = [step.period for step in gait.steps]
     squares = list[float]()
     for tile in (3, 4):

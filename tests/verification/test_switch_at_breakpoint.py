@@ -8,6 +8,7 @@ import json
 
 import numpy as np
 import pytest
+from named import solved
 
 import gaitopt as go
 from gaitopt.api.stored import load_run
@@ -48,16 +49,13 @@ def gait(files):
     return go.solve(go.load_problem(files / "motors-off.yaml"))
 
 
-def test_the_stick_ends_with_the_reference(gait):
+@pytest.mark.parametrize("engine", ["scipy", "heyoka"])
+def test_the_stick_ends_with_the_reference_and_both_engines_verify_it(gait, engine):
     assert gait.converged, gait.message
     assert gait.timed == (1,)
     ends = np.cumsum([duration for _, duration in gait.phases])
     assert ends[1] == pytest.approx(gait.system.control.breakpoints[-1], abs=1e-14)
     assert gait.arcs[-1].dynamics is gait.dynamics
-
-
-@pytest.mark.parametrize("engine", ["scipy", "heyoka"])
-def test_both_engines_verify_it(gait, engine):
     verification = go.verify(gait, engine=engine)
     assert verification.passed, verification.to_record()
     assert verification.figure("multipliers") < 1e-10
@@ -66,8 +64,7 @@ def test_both_engines_verify_it(gait, engine):
 @pytest.mark.parametrize(("friction", "timed"), [(0.125, ()), (0.14, (1,)), (0.17, ())])
 def test_other_frictions_move_the_switch_off_the_breakpoint_on_either_side(gait, friction, timed):
     """Below 0.1308 the foot slips before the motors are off, above 0.1554 later."""
-    other = go.solve(gait.problem.replace({"friction": friction}))
-    assert other.converged, other.message
+    other = solved(gait.problem.replace({"friction": friction}))
     assert other.timed == timed
     (off,) = gait.system.control.breakpoints
     end = other.phases[0][1] + other.phases[1][1]
@@ -97,8 +94,7 @@ def test_a_design_moves_the_switch_off_its_breakpoint(files, weight, within, bes
     free = f"friction: {{free: {[*within]}, guess: 0.15}}"
     text = TRACKED.replace("friction: 0.15", free) + f"objective: {{step_length: {weight}}}\n"
     (files / "design.yaml").write_text(text)
-    design = go.solve(go.load_problem(files / "design.yaml"))
-    assert design.converged, design.message
+    design = solved(go.load_problem(files / "design.yaml"))
     assert design.freed["friction"] == pytest.approx(best, abs=1e-6)
     assert design.timed == ()
     assert go.verify(design).passed

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from abilities import FROM_URDF
-from named import named
+from named import named, solved
 
 import gaitopt as go
 from gaitopt.problem.statement import Range, problem_data
@@ -67,35 +67,28 @@ def test_rabbit_of_the_file_has_the_gait_of_the_class(name):
     assert go.verify(gait).passed
 
 
-def test_torques_of_an_optimum_keep_to_the_effort_of_the_file(tmp_path):
-    free = go.solve(compass(tmp_path, OPTIMAL), progress=False)
-    gait = go.solve(compass(tmp_path, OPTIMAL, '<limit effort="1.1"/>'), progress=False)
+def test_torques_and_joints_of_an_optimum_keep_to_the_limits_of_the_file(tmp_path):
+    def limited(limit, text=OPTIMAL):
+        return go.solve(compass(tmp_path, text, limit), progress=False)
+
+    free, gait = limited(UNLIMITED), limited('<limit effort="1.1"/>')
     assert free.scalar("peak_torque") > 1.2
     assert gait.scalar("peak_torque") == pytest.approx(1.1, rel=1e-6)
     assert gait.message == "solved"
-    stated = OPTIMAL.replace("intervals: 4", "intervals: 4, bounds: {hip: [-2, 2]}")
-    wider = go.solve(compass(tmp_path, stated, '<limit effort="1.1"/>'), progress=False)
+    wider = limited('<limit effort="1.1"/>', OPTIMAL.replace("intervals: 4", "intervals: 4, bounds: {hip: [-2, 2]}"))
     assert wider.scalar("torque_squared") == pytest.approx(free.scalar("torque_squared"), rel=1e-8)
     assert "hip takes 1.261 N m, more than the effort 1.1 N m of its joint" in wider.message
-
-
-def test_joints_of_an_optimum_keep_to_the_range_of_the_file(tmp_path):
-    limit = '<limit effort="10" lower="-0.33" upper="0.302"/>'
-    free = go.solve(compass(tmp_path, OPTIMAL), progress=False)
-    problem = compass(tmp_path, OPTIMAL, limit)
+    problem = compass(tmp_path, OPTIMAL, '<limit effort="10" lower="-0.33" upper="0.302"/>')
     assert problem.constraints["angle.hip"] == Range(minimum=-0.33, maximum=0.302)
     assert problem.replace({"friction": 0.7}).constraints == problem.constraints
-    gait = go.solve(problem, progress=False)
-    assert gait.converged, gait.message
+    gait = solved(problem)
     assert hip_angles(free).min() < -0.303
     assert hip_angles(gait).max() < 0.302 + 1e-6
-    stated = problem.replace({"constraints.angle.hip.min": -0.4})
-    assert stated.constraints["angle.hip"].minimum == -0.4
+    assert problem.replace({"constraints.angle.hip.min": -0.4}).constraints["angle.hip"].minimum == -0.4
 
 
 def test_a_gait_that_leaves_the_range_of_a_joint_says_so(tmp_path):
-    gait = go.solve(compass(tmp_path, FROM_URDF, '<limit effort="0" lower="-0.2" upper="1"/>'), progress=False)
-    assert gait.converged
+    gait = solved(compass(tmp_path, FROM_URDF, '<limit effort="0" lower="-0.2" upper="1"/>'))
     low, high = hip_angles(gait).min(), hip_angles(gait).max()
     told = re.fullmatch(r"solved; hip turns from (\S+) to (\S+) rad, beyond its range from -0.2 to 1", gait.message)
     assert [float(word) for word in told.groups()] == pytest.approx([low, high], abs=1e-3)
