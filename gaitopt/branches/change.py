@@ -18,7 +18,7 @@ not know the sequence, confirms it. Both sides of the event are tried, because a
 proposal holds, a fixed point of the simulator's return map is sought past the event.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from textwrap import shorten
@@ -29,17 +29,19 @@ import numpy as np
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.branches.conditions import MarginZero
 from gaitopt.branches.curve import CurvePoint, Location, curve_through
-from gaitopt.branches.monitors import MonitorKey, MonitorValue
+from gaitopt.branches.monitors import MonitorValue
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.trace import MonitorKey
 from gaitopt.model.cycle import BREAKPOINT, Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import IMPACT_MARGINS, Transition, Transitions, contact_of, kind, margin, named
 from gaitopt.model.walker import Walker
+from gaitopt.problem.problem import Problem
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.solver.rollout import FINE_ERROR, FIRST_ERROR, roll_out
+from gaitopt.solver.rollout import FINE_ERROR, FIRST_ERROR, Rollout, roll_out
 from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.verify import confirm
 
@@ -152,7 +154,7 @@ def vanishing_force(point: CurvePoint, key: MonitorKey) -> MonitorKey:
     cone, _, side = kind(key.kind).rpartition("_")
     if cone not in FORCES or side not in ("forward", "backward"):
         return key
-    force = replace(key, kind=named(FORCES[cone], key.kind))
+    force = key._replace(kind=named(FORCES[cone], key.kind))
     return force if force in point.monitors and abs(point.monitor(force)) < ACTIVE else key
 
 
@@ -486,22 +488,15 @@ def attempt(point: CurvePoint, cycle: Cycle, offset: float, known: Array | None 
     ----------
     known : states at the starts of its steps, shape (k, n_z); None to predict them along the old branch.
     """
-    curve, system = point.curve, point.gait.system
-    dynamics = Dynamics(system, curve.p).at({curve.parameter: point.value + offset})
-    states = start_states(point, cycle, _ahead(point, offset), dynamics) if known is None else known
-    try:
-        problem = curve.problem.with_modes(cycle, dict(zip(system.state_names, states[0], strict=True)))
-    except ProblemError:  # the state contradicts the impact
+    curve, values = point.curve, {point.curve.parameter: point.value + offset}
+    guess = predicted(point, curve.problem, cycle, values, _ahead(point, offset), known)
+    if guess is None:
         return None
-    period = float(point.at.w[-1 - curve.equations.n_phases : -1].sum())
-    rolled = roll_out(dynamics, cycle, states, longest=(1 + NEARBY) * period)
-    period *= len(cycle.steps) / len(curve.cycle.steps)
-    if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
-        return None
+    problem, rolled, state = guess
     error = FIRST_ERROR if known is None else FINE_ERROR
     successor, w = curve_through(problem, curve.parameter, curve.metric, rolled, error=error)
     forward = np.zeros(w.size)  # away from the event, in the entries that both curves have
-    forward[: system.n_z] = states[0] - point.gait.state
+    forward[: state.size] = state - point.gait.state
     forward[-1] = offset
     first = successor.start(w, successor.solutions.coordinates(forward) if offset else point.direction)
     try:
@@ -509,6 +504,35 @@ def attempt(point: CurvePoint, cycle: Cycle, offset: float, known: Array | None 
     except RuntimeError:  # the equations are singular, because slips of no duration have no event
         return None
     return first if near and first is not None and holds(first) else None
+
+
+def predicted(
+    point: CurvePoint, problem: Problem, cycle: Cycle, values: Mapping[str, float], w: Array, known: Array | None = None
+) -> tuple[Problem, Rollout, Array] | None:
+    """A guess of the gait with other modes past an event; None if it contradicts them or has another period.
+
+    Parameters
+    ----------
+    values, w : the free parameters, and the unknowns that are predicted along the old curve.
+    known : states at the starts of its steps, shape (k, n_z); None to take those of the prediction.
+
+    Returns
+    -------
+    problem, rolled, state : the problem with these modes, the motion, and its first state.
+    """
+    curve, system = point.curve, point.gait.system
+    dynamics = Dynamics(system, curve.p).at(values)
+    states = start_states(point, cycle, w, dynamics) if known is None else known
+    try:
+        problem = problem.with_modes(cycle, dict(zip(system.state_names, states[0], strict=True)))
+    except ProblemError:  # the state contradicts the impact
+        return None
+    period = float(point.at.durations.sum())
+    rolled = roll_out(dynamics, cycle, states, longest=(1 + NEARBY) * period)
+    period *= len(cycle.steps) / len(curve.cycle.steps)
+    if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
+        return None
+    return problem, rolled, states[0]
 
 
 def _ahead(point: CurvePoint, offset: float) -> Array:

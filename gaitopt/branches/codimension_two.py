@@ -28,12 +28,17 @@ from numpy.typing import NDArray
 
 from gaitopt.branches.conditions import eigenvalues, pair_nearest
 from gaitopt.branches.monitors import REAL_PAIR
-from gaitopt.branches.normal_forms import KINDS, LocalMap, flip_coefficient, fold_coefficient, torus_coefficient
+from gaitopt.branches.normal_forms import (
+    KINDS,
+    RESONANCES,
+    LocalMap,
+    flip_coefficient,
+    fold_coefficient,
+    torus_coefficient,
+)
 
 SHORT = {"fold": "fold", "period_doubling": "flip", "neimark_sacker": "neimark_sacker"}
 """Short name of each bifurcation; the names of codimension-two points are composed of them."""
-RESONANCES = {"resonance_1_1": 1.0, "resonance_1_2": -1.0, "resonance_1_3": -0.5, "resonance_1_4": 0.0}
-"""cos theta at the strong resonances."""
 CURVES: Mapping[str, tuple[str, ...]] = {
     "resonance_1_1": ("fold", "neimark_sacker"),
     "resonance_1_2": ("period_doubling", "neimark_sacker"),

@@ -30,9 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.branches.monitors import MonitorKey, deflated, zero_orders
+from gaitopt.branches.monitors import deflated, zero_orders
 from gaitopt.gait import curves
 from gaitopt.gait.curves import SHORT_ARC, lowest_after_rise
+from gaitopt.gait.trace import MonitorKey
 from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import contact_of, kind, margin_unit

@@ -23,8 +23,8 @@ from gaitopt.branches.change import (
     transition_at,
     vanishing_force,
 )
-from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric, curve_through, first_point
-from gaitopt.branches.monitors import MonitorKey, bifurcations_between, is_bifurcation, stride
+from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, first_point
+from gaitopt.branches.monitors import bifurcations_between, is_bifurcation, stride
 from gaitopt.branches.normal_forms import gait_coefficients, stability_words
 from gaitopt.branches.request import FOLLOWS, Request
 from gaitopt.branches.steps import FIRST_LENGTH, HALVED, SILENT, VANISHED_STRIDE, VANISHING, Steps
@@ -33,6 +33,7 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.trace import MonitorKey
 from gaitopt.solver.rollout import retraced
 from gaitopt.solver.solve import solve_gait
 from gaitopt.store.branch import StoredContinuation, StoredPoint
@@ -144,8 +145,8 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
 
     def _begin(self) -> Iterator[BranchPoint | SpecialPoint]:
         if self.last is not None:
-            self.point = _restored(self.last, self.request.parameter, self.metric)
-            self.branch, self.index, self.length = self.last.branch, self.last.index, self.last.length
+            self._resume(self.last)
+            self.branch = self.last.branch
             return iter(())
         self.point = self.begin if isinstance(self.begin, CurvePoint) else self.begin()
         self.branch = next(self.numbers) if self.number is None else self.number
@@ -376,21 +377,3 @@ def _found_otherwise(point: CurvePoint) -> CurvePoint | None:
             return rescued
     simulated = (simulated_gait(point, ahead * distance * curve.metric.span) for distance in RESCUE_DISTANCES)
     return next((found for found in simulated if found is not None and found.curve.cycle == curve.cycle), None)
-
-
-def _restored(last: StoredPoint, parameter: str, metric: Metric) -> CurvePoint:
-    """A stored point on its curve.
-
-    Raises
-    ------
-    SolveError
-        If an earlier version wrote the point without its solution, and Newton's method fails at its gait.
-    """
-    at = last.solution
-    curve = Curve(last.problem, parameter, at.equations, at.p, metric)
-    if last.direction is not None:
-        return curve.with_gait(curve.solutions.point(at, last.direction, last.iterations, last.earlier))
-    point = curve.start(at.w, last.tangent)
-    if point is None:
-        raise SolveError(f"branch {last.branch}: Newton's method fails at the gait of its point {last.index}")
-    return point

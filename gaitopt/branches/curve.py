@@ -17,11 +17,12 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.branches.codimension_two import DEGENERATE, curve_tests, degeneracy
 from gaitopt.branches.conditions import Condition, Conditioned, ConditionedEquations
-from gaitopt.branches.monitors import MonitorKey, MonitorValue, TestFunction, monitor_values, test_functions
+from gaitopt.branches.monitors import MonitorValue, TestFunction, monitor_values, test_functions
 from gaitopt.branches.normal_forms import LocalMap, local_map
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import ContinuationState
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.trace import MonitorKey
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.problem.problem import Problem

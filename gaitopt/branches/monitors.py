@@ -48,6 +48,7 @@ from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.curves import SHORT_ARC, lowest_after_rise
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.trace import MonitorKey
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.modes import Mode
@@ -65,23 +66,6 @@ REAL_PAIR = 1e-6
 point."""
 POLE_DISTANCE = 0.5
 """If all multipliers are farther than this from the critical value, a test function changes its sign at a pole."""
-
-
-@dataclass(frozen=True, slots=True)
-class MonitorKey:
-    """The quantity that a monitor watches.
-
-    Attributes
-    ----------
-    kind : ``duration``, ``onset``, ``pull``, ``breakpoint`` or the name of a margin; ``touchdown`` is a second
-        touchdown within the step. For named contacts, ``onset`` and ``pull`` include the name of the contact.
-    phase : index of the phase, None for an impact.
-    step : index of the step that an impact ends.
-    """
-
-    kind: str
-    phase: int | None = None
-    step: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,8 +34,8 @@ RESONANT = 1e-4
 """Distance of cos theta from that of a resonance 1:1 to 1:4 below which a Neimark-Sacker point has no normal form."""
 CRITICAL = 1e-6
 """A multiplier counts as critical if its distance from the unit circle is below this number."""
-STRONG = (1.0, -1.0, -0.5, 0.0)
-"""cos theta at the resonances 1:1, 1:2, 1:3 and 1:4."""
+RESONANCES = {"resonance_1_1": 1.0, "resonance_1_2": -1.0, "resonance_1_3": -0.5, "resonance_1_4": 0.0}
+"""cos theta at the strong resonances."""
 Taylor = Callable[[Array, int], Array]
 """A function of directions a, shape (m, n), and an order. It returns A a, B(a, a) / 2 and C(a, a, a) / 6 up to this
 order, shape (order, m, n)."""
@@ -123,7 +123,7 @@ def coefficients(local: LocalMap, kind: str, kappa: float = 0.0) -> dict[str, fl
     scale = p.conj() @ q
     if kind == "neimark_sacker":
         names = ("re_d", "im_d")
-        if min(abs(multiplier.real - strong) for strong in STRONG) < RESONANT:
+        if min(abs(multiplier.real - strong) for strong in RESONANCES.values()) < RESONANT:
             return dict.fromkeys(names)
         d = torus_coefficient(local, p, q, multiplier / abs(multiplier)) / complex(scale)
         return dict(zip(names, (d.real, d.imag), strict=True))
@@ -144,11 +144,16 @@ def gait_coefficients(kind: str, gait: Gait) -> dict[str, float | None]:
     """The normal form at a special point of a branch; empty if the point is none of these bifurcations."""
     if kind not in KINDS or gait.shooting is None:
         return {}
-    pair = min((m for m in gait.multipliers if m.imag > 0), key=lambda m: abs(abs(m) - 1), default=0.0)
     try:
-        return coefficients(local_map(solution_of(gait)), kind, float(np.real(pair)))
+        return coefficients(local_map(solution_of(gait)), kind, critical_kappa(gait))
     except RuntimeError:  # singular: a slip of no length
         return {}
+
+
+def critical_kappa(gait: Gait) -> float:
+    """Approximate cos theta of the pair of multipliers that is next to the unit circle; 0 if no pair is complex."""
+    pair = min((m for m in gait.multipliers if m.imag > 0), key=lambda m: abs(abs(m) - 1), default=0.0)
+    return float(np.real(pair))
 
 
 def stability_words(form: Mapping[str, float | None], multipliers: NDArray[np.complex128]) -> str:

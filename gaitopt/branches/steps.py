@@ -12,14 +12,16 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Generic, TypeAlias, TypeVar
 
-from gaitopt.branches.curve import CurvePoint, Location, Metric
-from gaitopt.branches.monitors import MonitorKey
+from gaitopt.branches.conditions import Condition
+from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
-from gaitopt.errors import ProblemError
+from gaitopt.errors import ProblemError, SolveError
+from gaitopt.gait.trace import MonitorKey
 from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.solver import arclength
 from gaitopt.solver.arclength import next_length
+from gaitopt.store.branch import StoredPoint
 
 FIRST_LENGTH = 0.005
 """Arclength of the first step; the range of the parameter has length one."""
@@ -78,6 +80,25 @@ class Steps(ABC, Generic[P, S]):
                 yield end
                 return
             records = self._advance()
+
+    def _resume(self, last: StoredPoint, condition: Condition | None = None) -> None:
+        """Go on from a stored point, to the last bit.
+
+        Raises
+        ------
+        SolveError
+            If an earlier version wrote the point without its solution, and Newton's method fails at its gait.
+        """
+        at = last.solution
+        curve = Curve(last.problem, self.request.parameter, at.equations, at.p, self.metric, condition)
+        if last.direction is None:
+            point = curve.start(at.w, last.tangent)
+        else:
+            stored = curve.solutions.equations.at(at.w)
+            point = curve.with_gait(curve.solutions.point(stored, last.direction, last.iterations, last.earlier))
+        if point is None:
+            raise SolveError(f"branch {last.branch}: Newton's method fails at the gait of its point {last.index}")
+        self.point, self.index, self.length = point, last.index, last.length
 
     def _advance(self) -> Iterator[P | S]:
         """One step along the curve: its special points, and the point at its end."""

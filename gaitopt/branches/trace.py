@@ -10,11 +10,11 @@ Where a monitor vanishes the mode sequence ends. The curve goes on with the next
 too: that of a margin does, that of a bifurcation only if the multipliers are continuous across the change.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import count, zip_longest
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from gaitopt.branches.change import (
     halved_cycle,
     halves_apart,
     located_on_successor,
-    start_states,
+    predicted,
     successors,
 )
 from gaitopt.branches.codimension_two import (
@@ -41,9 +41,9 @@ from gaitopt.branches.codimension_two import (
     others_are_complex,
 )
 from gaitopt.branches.conditions import Condition, Eigenvalue, MarginZero, Pair
-from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric, curve_through, first_point
-from gaitopt.branches.monitors import MonitorKey, monitor_values, stride
-from gaitopt.branches.normal_forms import KINDS, LocalMap, coefficients
+from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, first_point
+from gaitopt.branches.monitors import monitor_values, stride
+from gaitopt.branches.normal_forms import KINDS, LocalMap, coefficients, critical_kappa
 from gaitopt.branches.request import Request
 from gaitopt.branches.steps import FIRST_LENGTH, HALVED, SILENT, VANISHED_STRIDE, VANISHING, Steps
 from gaitopt.branches.switching import doubled_beginnings
@@ -51,18 +51,18 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.branch import SpecialPoint
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.records import ConditionRecord
-from gaitopt.gait.trace import CurveStart, TracePoint, TraceSpecial
+from gaitopt.gait.records import CycleRecord
+from gaitopt.gait.trace import CurveStart, MonitorKey, TracePoint, TraceSpecial
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.transitions import Ending, margin
+from gaitopt.problem.statement import cycle_data
 from gaitopt.requests import TraceRequest
 from gaitopt.solver import arclength
 from gaitopt.solver.mesh import Mesh
 from gaitopt.solver.newton import Solution
 from gaitopt.solver.rollout import retraced, roll_out
 from gaitopt.solver.shooting import transcribe
-from gaitopt.store.branch import StoredPoint, StoredTrace
+from gaitopt.store.branch import StoredTrace
 from gaitopt.verification.verify import confirm
 
 LARGEST_LENGTH = 0.05
@@ -107,8 +107,7 @@ def curve_start(special: SpecialPoint) -> CurveStart:
     if gait is None:
         raise SolveError(f"there is no gait at the special point {special!r}")
     if special.type in KINDS:
-        pair = min((m for m in gait.multipliers if m.imag > 0), key=lambda m: abs(abs(m) - 1), default=0.0)
-        return CurveStart(type=special.type, parameter=special.parameter, gait=gait, kappa=float(np.real(pair)))
+        return CurveStart(type=special.type, parameter=special.parameter, gait=gait, kappa=critical_kappa(gait))
     if special.type == "branch_point":
         half = halved_cycle(gait)
         if half is not None:  # a period doubling of the shorter cycle, which keeps both halves equal
@@ -124,30 +123,19 @@ def curve_start(special: SpecialPoint) -> CurveStart:
     fewest = min((c for c in (gait.cycle, special.before, special.after) if c is not None), key=lambda c: len(c.phases))
     if len(fewest.phases) < len(gait.cycle.phases):  # a phase of no duration has half the digits
         gait = _with_cycle(gait, fewest)
-    key = vanishing_monitor(gait)
-    return CurveStart(type="margin", parameter=special.parameter, gait=gait, margin=(key.kind, key.phase, key.step))
-
-
-def condition_of(record: ConditionRecord) -> Condition:
-    """The condition that holds along a curve, from the record of its start."""
-    if "margin" in record:
-        return MarginZero(MonitorKey(**record["margin"]))
-    critical = KINDS[record["type"]]
-    return Pair(record["kappa"]) if critical is None else Eigenvalue(critical)
-
-
-def vanishing_monitor(gait: Gait) -> MonitorKey:
-    """The monitor that vanishes at a gait: the smallest one, those of impacts first.
-
-    Raises
-    ------
-    ProblemError
-        If none does.
-    """
     small = {key: abs(m.value) for key, m in monitor_values(gait).items() if abs(m.value) < ACTIVE}
     if not small:
         raise ProblemError("no margin of the mode sequence vanishes at this special point, so that it has no curve")
-    return min(small, key=lambda key: (key.kind == "duration", small[key]))
+    smallest = min(small, key=lambda key: (key.kind == "duration", small[key]))
+    return CurveStart(type="margin", parameter=special.parameter, gait=gait, margin=smallest)
+
+
+def condition_along(start: CurveStart) -> Condition:
+    """The condition that holds along a curve."""
+    if start.margin is not None:
+        return MarginZero(start.margin)
+    critical = KINDS[start.type]
+    return Pair(start.kappa) if critical is None else Eigenvalue(critical)
 
 
 @overflow_allowed()
@@ -197,8 +185,7 @@ def doubled_margin(point: CurvePoint, key: MonitorKey) -> CurveStart | None:
         if found is None or halved_cycle(found.gait) is not None:
             continue
         if all(m.value > -SILENT for k, m in found.monitors.items() if k != key):
-            place = (key.kind, key.phase, key.step)
-            return CurveStart(type="margin", parameter=equations.free[0], gait=found.gait, margin=place)
+            return CurveStart(type="margin", parameter=equations.free[0], gait=found.gait, margin=key)
     return None
 
 
@@ -271,7 +258,7 @@ def follow_curve(
     UnknownNameError, ProblemError, SolveError
         If there is no such curve, parameter or target.
     """
-    origin, first, towards = traced_start(start, request), start.parameter, _towards(request)
+    origin, first, towards = traced_start(start, request), start.parameter, in_second(request)
     gait = origin.gait
     second, other = (gait.dynamics.parameter(key) for key in (request.key, first))
     far = MOST_SPANS * (abs(other) or 1.0)
@@ -303,19 +290,24 @@ def traced_start(start: CurveStart | SpecialPoint, request: TraceRequest) -> Cur
     Raises
     ------
     UnknownNameError, ProblemError, SolveError
-        If there is no such curve or parameter.
+        If there is no such curve or parameter, or if it begins outside the bounds of the first parameter.
     """
     begin = curve_start(start) if isinstance(start, SpecialPoint) else start
-    gait, first = _towards(request).first_gait(begin.gait), begin.parameter
+    gait, first = in_second(request).first_gait(begin.gait), begin.parameter
     if first == request.key:
         raise UnknownNameError(f"{first} is the parameter of the branch: choose another second one").concerning("key")
     if first not in gait.system.parameters:
         words = f"the friction law of {request.key} lacks {first}, the parameter of the branch"
         raise UnknownNameError(words).concerning("key")
+    value = gait.dynamics.parameter(first)
+    for name, limit, sign in (("lower", request.lower, -1.0), ("upper", request.upper, 1.0)):
+        if limit is not None and sign * (value - limit) > AT_BOUND * max(abs(limit), AT_BOUND):
+            words = f"must be {'at most' if sign < 0 else 'at least'} {first} = {value:.10g}, where the curve begins"
+            raise ProblemError(f"{limit:g}: {words}").concerning(name)
     return replace(begin, gait=gait)
 
 
-def _towards(request: TraceRequest) -> Request:
+def in_second(request: TraceRequest) -> Request:
     """The targets and limits of a trace as those of a continuation in its second parameter."""
     return Request(
         parameter=request.key,
@@ -347,7 +339,7 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
     stored: StoredTrace | None = None
     number: int = field(init=False)
     _last: tuple[Solution | None, dict[str, float]] = field(init=False, default=(None, {}))
-    _others: dict[tuple[Cycle, MonitorKey], Cycle | None] = field(init=False, default_factory=dict)
+    _decided: tuple[Cycle | None] | None = field(init=False, default=None)
 
     def _begin(self) -> Iterator[TracePoint | TraceSpecial]:
         """The records of the first point, which is on the curve exactly.
@@ -359,14 +351,21 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         ProblemError
             If the curve does not depend on the second parameter.
         """
-        if self.stored is not None and self.stored.last is not None:
-            self._restore(self.stored.last)
-            return iter(())
         gait = self.start.gait
+        if self.stored is not None and self.stored.last is not None:
+            last, condition = self.stored.last, self.stored.condition
+            along = CurveStart.from_record(condition, self.first, gait)
+            self.metric = Metric.from_array(self.stored.metric, others=1)
+            self.number, self.count = last.branch, self.stored.count
+            self._resume(last, condition_along(along))
+            if "beyond" in condition:
+                cycle = condition["beyond"]
+                self._decided = (None if cycle is None else Cycle.from_record(cycle),)
+            return iter(())
         intervals = () if gait.shooting is None else gait.shooting.intervals
         curve, w = curve_through(
             gait.problem, self.request.parameter, self.metric, retraced(gait), intervals,
-            others=(self.first,), condition=condition_of(self.start.to_record()),
+            others=(self.first,), condition=condition_along(self.start),
         )  # fmt: skip
         try:
             point = curve.start(w, curve.solutions.ahead(self.sign))
@@ -397,16 +396,6 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         end = self._special("end", self.point, reason=reason)
         return replace(end, bound=reached is not None, open=reached is None)
 
-    def _restore(self, last: StoredPoint) -> None:
-        """Go on from a stored point, to the last bit."""
-        assert self.stored is not None
-        at, key, metric = last.solution, self.request.parameter, Metric.from_array(self.stored.metric, others=1)
-        curve = Curve(last.problem, key, at.equations, at.p, metric, condition_of(self.stored.condition))
-        assert last.direction is not None
-        conditioned = curve.solutions.equations.at(at.w)
-        self.point = curve.with_gait(curve.solutions.point(conditioned, last.direction, last.iterations, last.earlier))
-        self.number, self.index, self.length, self.count = last.branch, last.index, last.length, self.stored.count
-
     @property
     def own(self) -> MonitorKey | None:
         """The monitor that vanishes along the curve, if it is that of a margin."""
@@ -434,63 +423,74 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         fallen = (key for key in near if key in after.monitors and after.monitor(key) < -FALLEN)
         return [*lost, *(key for key in fallen if key not in lost)]
 
-    def _at_bound(self, here: CurvePoint, point: CurvePoint, length: float) -> tuple[CurvePoint, float] | None:
-        reached = list[tuple[float, CurvePoint]]()
+    def _limits(self) -> Iterator[tuple[str, float, float]]:
+        """Key and value of every bound, and the sign of a value's excess over it."""
         for key, limits in ((self.first, self.bounds), (self.request.parameter, self.request.bounds)):
-            for limit, sign in zip(limits, (-1.0, 1.0), strict=True):
-                before, after = (sign * (at.values[key] - limit) for at in (here, point))
-                if before < 0 <= after:
-                    there = here.locate(point, length, partial(_excess, key=key, limit=limit))
-                    reached.append((there.length, there.point))
-        if not reached:
-            return None
-        at, nearest = min(reached, key=lambda pair: pair[0])
-        return nearest, at
+            yield from ((key, limit, sign) for limit, sign in zip(limits, (-1.0, 1.0), strict=True))
+
+    def _at_bound(self, here: CurvePoint, point: CurvePoint, length: float) -> tuple[CurvePoint, float] | None:
+        reached = list[Location]()
+        for key, limit, sign in self._limits():
+            before, after = (sign * (at.values[key] - limit) for at in (here, point))
+            if before < 0 <= after:
+                reached.append(here.locate(point, length, partial(_excess, key=key, limit=limit)))
+        nearest = min(reached, key=lambda location: location.length, default=None)
+        return None if nearest is None else (nearest.point, nearest.length)
 
     def _reached(self) -> str | None:
         """Why the curve ends at the present point; None if that is within all bounds."""
-        values = self.point.values
-        for key, limits in ((self.first, self.bounds), (self.request.parameter, self.request.bounds)):
-            for limit, sign in zip(limits, (-1.0, 1.0), strict=True):
-                if sign * (values[key] - limit) > -AT_BOUND * max(abs(limit), AT_BOUND):
-                    return f"reached {key} = {limit:.12g}"
+        for key, limit, sign in self._limits():
+            if sign * (self.point.values[key] - limit) > -AT_BOUND * max(abs(limit), AT_BOUND):
+                return f"reached {key} = {limit:.12g}"
         return None
 
     def _between(self, here: CurvePoint, point: CurvePoint, length: float) -> Iterator[TraceSpecial]:
-        """Zeros of the test functions between two points, in order; a curve of pairs ends at kappa = 1 and -1."""
-        zeros = list[tuple[Location, str]]()
+        """Zeros of the test functions between two points, in order; a curve of pairs ends at kappa = 1 and -1.
+
+        Where the multipliers jump at a margin, the gaits on its other side have test functions of their own.
+        """
+        tests = list[tuple[str, bool, Callable[[CurvePoint], float], float, float]]()
         for name in (*here.curve_tests, *filter(None, [DEGENERATE.get(self.kind)])):
-            test = partial(CurvePoint.curve_test, name=name, reference=here)
-            if test(here) * test(point) < 0:
-                zeros.append((here.locate(point, length, test), name))
-        for location, name in sorted(zeros, key=lambda zero: (zero[0].length, zero[1])):
-            local, kappa = location.point.local, self._condition.kappa
-            values = (at.curve_test(name, here) for at in (location.point, here, point))
-            if not is_zero(*values) or (not self.index and location.length < BESIDE):  # or the point that it begins at
+            own = partial(CurvePoint.curve_test, name=name, reference=here)
+            tests.append((name, False, own, own(here), own(point)))
+        beyond = self._tests_beyond(here), self._tests_beyond(point)
+        for name in beyond[0] if beyond[1] else ():
+            tests.append((name, True, partial(self._test_beyond, name=name), beyond[0][name], beyond[1][name]))
+        zeros = [(here.locate(point, length, test[2]), *test) for test in tests if test[3] * test[4] < 0]
+        for location, name, is_beyond, test, *values in sorted(zeros, key=lambda zero: (zero[0].length, zero[1])):
+            at, kappa = location.point, self._condition.kappa
+            found = self._beyond(at) if is_beyond else at
+            if found is None or not is_zero(test(at), *values):
                 continue
-            near = location.point.monitors.items()
-            others = (m.value for k, m in near if k.kind == "duration" or abs(here.monitor(k)) > SILENT)
-            if name == DEGENERATE.get(self.kind) and min(others, default=1.0) < DEGRADED:
+            if not self.index and location.length < BESIDE:  # the point that it begins at
                 continue
-            if name.endswith("_neimark_sacker") and not others_are_complex(local, self.kind, kappa):
+            if name == DEGENERATE.get(self.kind):
+                near = at.monitors.items()
+                others = (m.value for k, m in near if k.kind == "duration" or abs(here.monitor(k)) > SILENT)
+                if min(others, default=1.0) < DEGRADED:
+                    continue
+            if name.endswith("_neimark_sacker") and not others_are_complex(found.local, self.kind, kappa):
                 continue
-            if name == "margin_fold" and halves_apart(location.point.gait) < NEARLY_HALVED:
-                yield self._special("end", location.point, reason=HALVED)
+            if name == "margin_fold" and halves_apart(at.gait) < NEARLY_HALVED:
+                yield self._special("end", at, reason=HALVED)
                 return
-            special = self._special(name, location.point, location.status)
-            following = self._beginning(name, location.point.gait, local, kappa)
-            if name == "margin_period_doubling" and self.own is not None:
-                doubled = doubled_margin(location.point, self.own)
+            gait, special = found.gait, self._special(name, at, location.status)
+            if is_beyond:
+                gait = replace(gait, freed={key: gait.dynamics.parameter(key) for key in at.values})
+                words, cycle = f"of the gait {found.curve.cycle}", at.curve.cycle
+                special = replace(special, reason=words, before=cycle, after=found.curve.cycle)
+            following = self._beginning(name, gait, found.local, kappa)
+            if name == "margin_period_doubling" and self.own is not None and not is_beyond:
+                doubled = doubled_margin(at, self.own)
                 following += () if doubled is None else (doubled,)
             if name == "generalised_flip":
-                folds = doubled_fold(location.point)
+                folds = doubled_fold(at)
                 following += () if folds is None else (folds,)
             yield replace(special, next=following)
             if self.kind == "neimark_sacker" and name in ("resonance_1_1", "resonance_1_2"):
                 words = "the two multipliers meet and become real: beyond lie neutral saddles"
-                yield replace(self._special("end", location.point, reason=words), codimension=2)
+                yield replace(self._special("end", at, reason=words), codimension=2)
                 return
-        yield from self._past_bifurcations(here, point, length)
 
     def _beginning(self, name: str, gait: Gait, local: LocalMap, kappa: float) -> tuple[CurveStart, ...]:
         """The other curves through a codimension-two point."""
@@ -514,7 +514,7 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         located = None if successor is None else located_on_successor(event, successor)
         if located is not None:
             (point, key), status = located, "converged"
-        other = CurveStart(type="margin", parameter=self.first, gait=point.gait, margin=(key.kind, key.phase, key.step))
+        other = CurveStart(type="margin", parameter=self.first, gait=point.gait, margin=key)
         doubled = doubled_margin(point, key) if self.kind == "period_doubling" else None
         following = (other,) if doubled is None else (other, doubled)
         name = "margin_crossing" if self.kind == "margin" else f"margin_{self.kind}"
@@ -525,7 +525,7 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             yield replace(self._special("end", point, status, words), codimension=2)
             return
         yield replace(special, after=successor.curve.cycle)
-        self.number, self.index = next(self.numbers), 0
+        self.number, self.index, self._decided = next(self.numbers), 0, None
         self.length = min(FIRST_LENGTH, self.length)
         self._move(successor, moved=False)
         yield from self._point_records()
@@ -556,21 +556,13 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         ----------
         conditioned : whether the condition holds there; else the parameters are those predicted along the old curve.
         """
-        curve, system = point.curve, point.gait.system
-        w = point.at.w + point.tangent * distance
+        curve, w = point.curve, point.at.w + point.tangent * distance
         values = dict(zip(curve.equations.free, w[-2:].tolist(), strict=True))
-        dynamics = Dynamics(system, curve.p).at(values)
-        states = start_states(point, cycle, w, dynamics)
         try:
-            problem = point.problem.replace(values)
-            problem = problem.with_modes(cycle, dict(zip(system.state_names, states[0], strict=True)))
-        except ProblemError:  # beyond the range of a parameter, or the state contradicts the impact
-            return None
-        period = float(point.at.durations.sum())
-        rolled = roll_out(dynamics, cycle, states, longest=(1 + NEARBY) * period)
-        if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
-            return None
-        try:
+            guess = predicted(point, point.problem.replace(values), cycle, values, w)
+            if guess is None:
+                return None
+            problem, rolled, _ = guess
             plain, w = curve_through(problem, curve.parameter, replace(curve.metric, others=()), rolled)
             first = plain.start(w, plain.solutions.ahead(1.0))
             if not conditioned or first is None:
@@ -637,22 +629,23 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         """A gait on the family in the first parameter, which crosses a margin."""
         return first_point(replace(gait, shooting=None), self.first, self.metric.in_first, 1.0)
 
-    def _other_sequence(self, point: CurvePoint) -> Cycle | None:
-        """The mode sequence on the other side of the margin, if the multipliers jump there."""
-        assert self.own is not None
-        place = point.curve.cycle, self.own
-        if place not in self._others:
+    def _sequence_beyond(self, point: CurvePoint, own: MonitorKey) -> Cycle | None:
+        """The mode sequence on the other side of the margin, if the multipliers jump there.
+
+        It is decided once along a curve, and recorded, so that a resumed trace does not decide at another point.
+        """
+        if self._decided is None:
             event = arclength.Location(length=0.0, point=self._in_first(point.gait), status="converged")
-            successor = None if ends_at(point, self.own) else find_change(event, self.own)[0]
+            successor = None if ends_at(point, own) else find_change(event, own)[0]
             sides = [[*curve_tests(at.local, "margin").values()] for at in (point, successor or point)]
             jumps = not np.allclose(sides[0], sides[1], rtol=JUMP, atol=JUMP)
-            self._others[place] = successor.curve.cycle if jumps and successor is not None else None
-        return self._others[place]
+            self._decided = (successor.curve.cycle if jumps and successor is not None else None,)
+        return self._decided[0]
 
-    def _past(self, point: CurvePoint, distance: float = DISTANCES[0]) -> CurvePoint | None:
+    def _beyond(self, point: CurvePoint, distance: float = DISTANCES[0]) -> CurvePoint | None:
         """The gait on the other side of a margin at which the multipliers jump, close to it; None if there is none."""
         try:
-            cycle = None if self.own is None else self._other_sequence(point)
+            cycle = None if self.own is None else self._sequence_beyond(point, self.own)
             if cycle is None:
                 return None
             origin = self._in_first(point.gait)
@@ -661,35 +654,18 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         except (ProblemError, SolveError, RuntimeError):  # out of range, or singular
             return None
 
-    def _tests_past(self, point: CurvePoint) -> dict[str, float]:
+    def _tests_beyond(self, point: CurvePoint) -> dict[str, float]:
         """All test functions of the gait close to the margin; those of the end of the last step are known."""
         if self._last[0] is not point.at:
-            past = self._past(point)
-            self._last = point.at, {} if past is None else curve_tests(past.local, "margin")
+            beyond = self._beyond(point)
+            self._last = point.at, {} if beyond is None else curve_tests(beyond.local, "margin")
         return self._last[1]
 
-    def _test_past(self, point: CurvePoint, name: str) -> float:
+    def _test_beyond(self, point: CurvePoint, name: str) -> float:
         """A test function of the gaits on the other side, extrapolated to the margin; 0 if there are none."""
-        pair = [self._past(point, distance) for distance in (DISTANCES[0], 2 * DISTANCES[0])]
+        pair = [self._beyond(point, distance) for distance in (DISTANCES[0], 2 * DISTANCES[0])]
         near, far = (0.0 if at is None else curve_tests(at.local, "margin")[name] for at in pair)
         return 2 * near - far
-
-    def _past_bifurcations(self, here: CurvePoint, point: CurvePoint, length: float) -> Iterator[TraceSpecial]:
-        """Bifurcations of the gaits on the other side of a margin, where those of this side have no test functions."""
-        before, after = self._tests_past(here), self._tests_past(point)
-        for name in before if after else ():
-            if before[name] * after[name] >= 0:
-                continue
-            location = here.locate(point, length, partial(self._test_past, name=name))
-            past, at = self._past(location.point), self._test_past(location.point, name)
-            if past is None or not is_zero(at, before[name], after[name]):
-                continue
-            if name.endswith("_neimark_sacker") and not others_are_complex(past.local, "margin", 0.0):
-                continue
-            special = self._special(name, location.point, location.status, f"of the gait {past.curve.cycle}")
-            gait = replace(past.gait, freed={key: past.gait.dynamics.parameter(key) for key in point.values})
-            following = self._beginning(name, gait, past.local, 0.0)
-            yield replace(special, before=point.curve.cycle, after=past.curve.cycle, next=following)
 
     def _move(self, point: CurvePoint, *, moved: bool = True) -> None:
         """Go to a point, on a mesh that is fine enough, with the condition as it is followed from there."""
@@ -714,12 +690,16 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
                 yield replace(end, gait=gait)
                 return
         self.count += 1
+        condition = self._start_at(self.point).to_record()
+        if self._decided is not None:
+            (cycle,) = self._decided
+            condition["beyond"] = None if cycle is None else cast(CycleRecord, cycle_data(cycle))
         yield TracePoint(
             curve=self.number,
             index=self.index,
             values=self.point.values,
             gait=gait,
-            condition=self._start_at(self.point).to_record(),
+            condition=condition,
             tangent=self.point.direction,
             length=self.length,
             walk=self.point.state,
@@ -727,9 +707,8 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
 
     def _start_at(self, point: CurvePoint) -> CurveStart:
         """The curve as it begins at a point."""
-        own = None if self.own is None else (self.own.kind, self.own.phase, self.own.step)
         kappa = self._condition.kappa
-        return CurveStart(type=self.kind, parameter=self.first, gait=point.gait, margin=own, kappa=kappa)
+        return CurveStart(type=self.kind, parameter=self.first, gait=point.gait, margin=self.own, kappa=kappa)
 
     def _special(self, kind: str, point: CurvePoint, status: str = "converged", reason: str = "") -> TraceSpecial:
         values = {} if self.kind == "margin" else coefficients(point.local, self.kind, self._condition.kappa)

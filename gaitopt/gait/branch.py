@@ -9,10 +9,10 @@ References
 M. J. Feigenbaum (1978), Quantitative universality for a class of nonlinear transformations.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, cast, overload
+from typing import TYPE_CHECKING, Any, TypeVar, cast, overload
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
+R = TypeVar("R")
 TERMINAL = ("end", "vanishing", str(Ending.LIFT_OFF), str(Ending.PAINLEVE))
 """Types of special points at which a family ends."""
 _PLACE = ("branch", "index", "value")
@@ -383,6 +384,18 @@ class Cascade:
         ]
         ratios = [f"{ratio:.5g}" for ratio in self.ratios]
         return ", ".join(doublings) + (f"; ratios of the distances {', '.join(ratios)}" if ratios else "")
+
+
+def split_after(records: Iterable[R], is_end: Callable[[R], bool]) -> Iterator[list[R]]:
+    """The records of each walk along a branch or curve, up to its end; the last walk may be unfinished."""
+    walk = list[R]()
+    for record in records:
+        walk.append(record)
+        if is_end(record):
+            yield walk
+            walk = []
+    if walk:
+        yield walk
 
 
 def cascades(records: Iterable[Mapping[str, Any]]) -> list[Cascade]:

@@ -453,12 +453,17 @@ class MarginRecord(TypedDict):
 
 
 class ConditionRecord(TypedDict):
-    """What vanishes along a curve of special points; see ``trace.CurveStart``."""
+    """What vanishes along a curve of special points; see ``trace.CurveStart``.
+
+    At points of a margin, ``beyond`` is the mode sequence on its other side if the multipliers jump there, None if they
+    do not jump; it is missing where that is not decided.
+    """
 
     type: Word
     margin: NotRequired[MarginRecord]
     kappa: NotRequired[Number]
     gait: NotRequired[Annotated[GaitRecord, AfterValidator(_consistent)]]
+    beyond: NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)] | None]
 
 
 Values = Annotated[dict[Word, Number], Len(2, 2)]

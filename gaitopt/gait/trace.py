@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,22 @@ from gaitopt.model.modes import Mode
 from gaitopt.problem.statement import cycle_data
 
 
+class MonitorKey(NamedTuple):
+    """The quantity that a monitor of a mode sequence watches.
+
+    Attributes
+    ----------
+    kind : ``duration``, ``onset``, ``pull``, ``breakpoint`` or the name of a margin; ``touchdown`` is a second
+        touchdown within the step. For named contacts, ``onset`` and ``pull`` include the name of the contact.
+    phase : index of the phase, None for an impact.
+    step : index of the step that an impact ends.
+    """
+
+    kind: str
+    phase: int | None = None
+    step: int = 0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveStart:
     """A gait through which a curve of special points passes, or at which it begins.
@@ -25,15 +41,14 @@ class CurveStart:
     type : type of all gaits of the curve: ``fold``, ``period_doubling``, ``neimark_sacker`` or ``margin``.
     parameter : dotted key of the first parameter.
     gait : the gait.
-    margin : kind, index of the phase (None for the impact that ends a step) and step of the margin that vanishes along
-        the curve; None for a bifurcation.
+    margin : the margin that vanishes along the curve; None for a bifurcation.
     kappa : approximate cosine of the angle of the pair of multipliers on the unit circle, for Neimark-Sacker points.
     """
 
     type: str
     parameter: str
     gait: Gait
-    margin: tuple[str, int | None, int] | None = None
+    margin: MonitorKey | None = None
     kappa: float = 0.0
 
     @staticmethod
@@ -44,7 +59,7 @@ class CurveStart:
             type=record["type"],
             parameter=parameter,
             gait=gait,
-            margin=None if margin is None else (margin["kind"], margin["phase"], margin["step"]),
+            margin=None if margin is None else MonitorKey(**margin),
             kappa=record.get("kappa", 0.0),
         )
 

@@ -25,7 +25,7 @@ from gaitopt.branches.trace import MARGINS, curve_start, follow_curve
 from gaitopt.callbacks import Stop, raise_if_stopped
 from gaitopt.display import Reported, counted
 from gaitopt.errors import ArgumentError, ProblemError, SolveError
-from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
+from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint, split_after
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import AtlasJobRecord, AtlasRecord
@@ -469,7 +469,7 @@ def slice_job(
             verify_every=0, largest_length=LARGEST_LENGTH, follow={"doublings": doublings},
         )  # fmt: skip
         walks = [
-            _walks(follow_family(gait, replace(asked, to=(to,)), should_stop=should_stop))
+            [*split_after(follow_family(gait, replace(asked, to=(to,)), should_stop=should_stop), _is_end)]
             for to in (first.lower, first.upper)
         ]
         raise_if_stopped(should_stop)
@@ -526,14 +526,9 @@ def _moved(gait: Gait, there: Mapping[str, float], should_stop: Stop) -> Iterato
     yield gait
 
 
-def _walks(records: Iterable[BranchPoint | SpecialPoint]) -> list[list[BranchPoint | SpecialPoint]]:
-    """The records of a family, then those of every branch of doubled gaits: each up to its end."""
-    walks = list[list[BranchPoint | SpecialPoint]]([[]])
-    for record in records:
-        if walks[-1] and isinstance(walks[-1][-1], SpecialPoint) and walks[-1][-1].type in TERMINAL:
-            walks.append([])
-        walks[-1].append(record)
-    return walks
+def _is_end(record: BranchPoint | SpecialPoint | TracePoint | TraceSpecial) -> bool:
+    """Whether a branch or a curve ends with a record."""
+    return isinstance(record, SpecialPoint | TraceSpecial) and record.type in TERMINAL
 
 
 def _doubled(
@@ -645,7 +640,7 @@ def _both_ways(start: CurveStart, kind: str, axes: tuple[Axis, Axis], should_sto
     )
     record = untraced(kind) | {"steps": len(start.gait.steps)}
     try:
-        halves = [list(group) for group in _by_target(follow_curve(start, asked, should_stop=should_stop))]
+        halves = [*split_after(follow_curve(start, asked, should_stop=should_stop), _is_end)]
     except (ProblemError, SolveError) as error:
         return record | {"reason": str(error)}
     raise_if_stopped(should_stop)
@@ -661,16 +656,6 @@ def _both_ways(start: CurveStart, kind: str, axes: tuple[Axis, Axis], should_sto
     ]
     chain = chains[0] if len(chains) == 1 else [*reversed(chains[0]), *chains[1][1:]]
     return record | {"trace": chain, "located": located}
-
-
-def _by_target(records: Iterable[TracePoint | TraceSpecial]) -> Iterator[list[TracePoint | TraceSpecial]]:
-    """The records of the walk towards each target, which ends with a special point of the type ``end``."""
-    half = list[TracePoint | TraceSpecial]()
-    for record in records:
-        half.append(record)
-        if isinstance(record, TraceSpecial) and record.type == "end":
-            yield half
-            half = []
 
 
 def check_job(

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
-from gaitopt.branches.request import Request, motionless_gait
+from gaitopt.branches.request import motionless_gait
 from gaitopt.callbacks import Stop
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import CheckedTracePoint, TraceRecord, TraceRequestRecord, TraceSpecialRecord
@@ -71,14 +71,15 @@ class TracePlan(LinesPlan[CurveStart, TraceRecord]):
 
     def resumable(self, records: list[TraceRecord]) -> list[TraceRecord]:
         """See ``LinesPlan``."""
-        limits = Request(parameter=self.request.key, to=self.request.to, max_points=self.request.max_points)
-        return resumable_trace(records, limits.exhausted)
+        from gaitopt.branches.trace import in_second  # reading a stored trace needs no continuation
+
+        return resumable_trace(records, in_second(self.request).exhausted)
 
     def follow(
         self, start: CurveStart, done: list[TraceRecord], should_stop: Stop
     ) -> Iterable[TracePoint | TraceSpecial]:
         """See ``LinesPlan``."""
-        from gaitopt.branches.trace import follow_curve  # reading a stored trace needs no continuation
+        from gaitopt.branches.trace import follow_curve
 
         family = traced_family(self.problem, start.parameter, self.request.key)
         stored = stored_traces(family, (start.parameter, self.request.key), done)

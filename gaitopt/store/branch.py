@@ -13,7 +13,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.errors import StorageError
-from gaitopt.gait.branch import TERMINAL, ContinuationState, SpecialPoint
+from gaitopt.gait.branch import TERMINAL, ContinuationState, SpecialPoint, split_after
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import BranchRecord, ConditionRecord, TraceRecord
 from gaitopt.model.cycle import Cycle
@@ -210,11 +210,7 @@ def _located_again(walk: Sequence[Any], exhausted: Exhausted) -> list[Any]:
 
 def _by_target(records: Sequence[TraceRecord]) -> list[list[TraceRecord]]:
     """The records of each walk of a trace: up to the end of its curve. Walks without a point are left out."""
-    walks = [list[TraceRecord]()]
-    for record in records:
-        walks[-1].append(record)
-        if record["record"] == "special" and record["type"] == "end":
-            walks.append([])
+    walks = split_after(records, lambda record: record["record"] == "special" and record["type"] == "end")
     return [walk for walk in walks if any(record["record"] == "point" for record in walk)]
 
 

@@ -11,11 +11,12 @@ from pydantic import TypeAdapter
 
 from gaitopt import verify
 from gaitopt.branches.continuation import follow_family
-from gaitopt.branches.monitors import MonitorKey, monitor_values
+from gaitopt.branches.monitors import monitor_values
 from gaitopt.branches.request import Request
 from gaitopt.errors import StorageError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint, branch_table, collected
 from gaitopt.gait.records import CheckedPoint
+from gaitopt.gait.trace import MonitorKey
 from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped

@@ -9,7 +9,8 @@ from named import named
 import gaitopt as go
 from gaitopt import Gait
 from gaitopt.branches import monitors
-from gaitopt.branches.monitors import MonitorKey, monitor_values
+from gaitopt.branches.monitors import monitor_values
+from gaitopt.gait.trace import MonitorKey
 
 NAMES = ("rimless-wheel-stick", "rimless-wheel-slip", "compass-passive-stick", "compass-passive-a", "compass-passive-b")
 

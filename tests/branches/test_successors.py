@@ -8,7 +8,8 @@ import gaitopt as go
 from gaitopt import Cycle, Mode, ModeSequence
 from gaitopt.branches.change import simulated_gait, successors
 from gaitopt.branches.curve import Metric, first_point
-from gaitopt.branches.monitors import MonitorKey, MonitorValue
+from gaitopt.branches.monitors import MonitorValue
+from gaitopt.gait.trace import MonitorKey
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walkers.compass_biped import CompassBiped
 

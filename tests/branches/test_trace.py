@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice, pairwise
 from math import cos, radians, sin
 from types import SimpleNamespace
 
@@ -17,11 +18,11 @@ import gaitopt as go
 from gaitopt import Cycle, continuation, load_run, trace
 from gaitopt.branches.conditions import Eigenvalue, MarginZero, Pair
 from gaitopt.branches.curve import Curve, Metric
-from gaitopt.branches.monitors import MonitorKey, monitor_values
+from gaitopt.branches.monitors import monitor_values
 from gaitopt.branches.normal_forms import local_map
 from gaitopt.branches.trace import CurveWalk, follow_curve, traced_start
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
-from gaitopt.gait.trace import CurveStart, TracePoint, TraceSpecial
+from gaitopt.gait.trace import CurveStart, MonitorKey, TracePoint, TraceSpecial
 from gaitopt.requests import TraceRequest
 from gaitopt.runs.trace import TRACE_FILE, traced_family
 from gaitopt.simulation.simulator import Simulator
@@ -40,9 +41,10 @@ ASIDE = 2e-4
 
 
 @cache
-def special(name, kind, parameter, to, index=0, **changes):
-    """A special point of a family."""
-    return continuation(named(name), parameter, to, verify_every=0, progress=False).special(kind)[index]
+def special(name, kind, parameter, to, index=0, changes=()):
+    """A special point of the family of a named gait, at other values of some parameters."""
+    gait = named(name) if not changes else go.solve(go.load_problem(name).replace(dict(changes)), progress=False)
+    return continuation(gait, parameter, to, verify_every=0, progress=False).special(kind)[index]
 
 
 def doubling():
@@ -64,6 +66,10 @@ def fold():
 
 def impact_change():
     return torque_branch().special("impact_change")[0]
+
+
+def jump():
+    return special("compass-passive-a", "impact_change", "friction", 0.06)
 
 
 def cut(point, first, kind):
@@ -235,13 +241,12 @@ def test_a_bifurcation_curve_ends_where_the_multipliers_jump_and_names_both_spec
 @pytest.mark.slow
 def test_a_margin_has_the_bifurcations_of_the_gaits_on_both_sides_where_the_multipliers_jump():
     """Gaits whose impact slips double on a curve that ends on the margin of the impact, and leads to less friction."""
-    changes = special("compass-passive-a", "impact_change", "friction", 0.06)
-    curve = trace(changes, SLOPE, radians(0.25), verify_every=0, progress=False)
+    curve = trace(jump(), SLOPE, radians(0.25), verify_every=0, progress=False)
     sticks, slips = curve.special("margin_period_doubling")
     assert np.degrees(sticks.values[SLOPE]) == pytest.approx(0.702778337, abs=1e-8)
     assert slips.reason == f"of the gait {slips.after}"
     assert "slip_backward" in slips.after.steps[0].impact
-    record, family = json.loads(json.dumps(slips.to_record())), traced_family(changes.gait.problem, "friction", SLOPE)
+    record, family = json.loads(json.dumps(slips.to_record())), traced_family(jump().gait.problem, "friction", SLOPE)
     (begins,) = trace_special(family, "friction", record).next
     doubled = trace(begins, SLOPE, (radians(0.233), radians(0.4)), verify_every=0, progress=False)
     down, up = doubled.special("end")
@@ -397,6 +402,7 @@ WALKS = {
     "fold": (fold, TraceRequest(key=ANKLE, to=(1.66, 1.645))),
     "torus": (torus, TraceRequest(key=SLOPE, to=(radians(1.02),), verify_every=0)),
     "impact": (impact_change, TraceRequest(key="friction", to=(0.17,), verify_every=0)),
+    "jump": (jump, TraceRequest(key=SLOPE, to=(radians(1.05), radians(0.95)), max_points=6, verify_every=0)),
 }
 
 
@@ -420,6 +426,28 @@ def test_a_trace_that_was_killed_goes_on_to_the_last_bit(name, after):
     again = resumable_trace(kept, lambda points: None)
     assert whole[: len(again)] == again
     assert again + list(walked(name, again)) == whole
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WALKS)
+def test_a_trace_that_was_killed_at_any_point_goes_on_with_the_same_next_point(name):
+    whole = list(walked(name))
+    numbers = [number for number, record in enumerate(whole) if record["record"] == "point"]
+    for last, following in pairwise([*numbers, len(whole) - 1]):
+        assert list(islice(walked(name, whole[: last + 1]), following - last)) == whole[last + 1 : following + 1]
+
+
+@pytest.mark.slow
+def test_a_resumed_trace_takes_the_modes_beyond_a_margin_from_its_records():
+    """They are decided in the first step; a trace that decides again could decide otherwise."""
+    whole = list(walked("jump"))
+    points = [record["condition"] for record in whole if record["record"] == "point"]
+    assert "beyond" not in points[0]
+    assert points[1]["beyond"]["impact"] == "slip_backward"
+    stated = {**whole[1], "condition": {**points[1], "beyond": None}}
+    following = next(walked("jump", [whole[0], stated]))
+    assert following["condition"] == stated["condition"]
+    assert following["walk"] == whole[2]["walk"]
 
 
 def test_a_trace_in_a_folder_is_the_same_when_it_is_read_back(tmp_path):
@@ -503,6 +531,13 @@ def test_what_cannot_be_traced_is_refused_with_one_sentence():
             trace(start, key, to, progress=False)
 
 
+@pytest.mark.parametrize(("bound", "words"), [({"upper": 0.1}, "0.1: must be at least"), ({"lower": 0.2}, "at most")])
+def test_a_bound_beyond_which_the_curve_begins_is_refused(bound, words, tmp_path):
+    with pytest.raises(ProblemError, match=rf"{words}.* friction = 0.14430\d+, where the curve begins"):
+        trace(doubling(), SLOPE, 0.02, output=tmp_path / "trace", progress=False, **bound)
+    assert not (tmp_path / "trace").exists()
+
+
 DEG = radians(1)
 
 
@@ -513,6 +548,7 @@ class Case:
     Attributes
     ----------
     name, first, to : the branch.
+    changes : keys and values in which the problem differs from the named one.
     kind, index : the special point.
     second, targets : the trace.
     margin : kind of the monitor that vanishes; empty for a bifurcation.
@@ -530,9 +566,11 @@ class Case:
     margin: str = ""
     where: float = 1.0
     cuts: int = 20
+    changes: tuple[tuple[str, float], ...] = ()
 
     def __str__(self) -> str:
-        return f"{self.name}-{self.kind}-{self.index}-over-{self.second}"
+        changes = "".join(f"-{key}={value:g}" for key, value in self.changes)
+        return f"{self.name}{changes}-{self.kind}-{self.index}-over-{self.second}"
 
 
 COMPASS = [
@@ -547,6 +585,8 @@ COMPASS = [
     Case("compass-passive-b", "friction", 0.32, "impact_change", SLOPE, (0.5 * DEG, 2 * DEG),
          margin="impulse_cone_forward"),
 ]  # fmt: skip
+SHORT_TOE = (("walker.toe", 0.02),)
+"""With a toe this short, the doubled gaits of the heel and toe begin where the strike slips."""
 OTHERS = [
     Case("rimless-wheel-stick", "friction", 0.91, "mode_change", SLOPE, (0.224, 0.229), margin="cone_forward"),
     Case("rimless-wheel-slip", SLOPE, 0.6, "lift_off", "friction", (0.35, 0.5), margin="normal_force", where=0.48),
@@ -559,6 +599,7 @@ OTHERS = [
     Case("heel-toe", "friction", 0.25, "impact_change", "walker.toe", (0.038, 0.042), cuts=4,
          margin="impulse_cone_forward.swing_heel"),
     Case("heel-toe-slip", "walker.toe", 0.06, "period_doubling", "friction", (0.262, 0.268), cuts=4),
+    Case("heel-toe", "friction", 0.268, "period_doubling", "walker.toe", (0.016, 0.028), changes=SHORT_TOE),
     Case("flat-foot", "friction", 1.15, "impact_change", "walker.stiffness", (24.9, 25.1), cuts=1,
          margin="impulse_cone_backward.swing_heel"),
     Case("bounding", "walker.energy", 85.0, "impact_change", "walker.stiffness", (7000.0, 7080.0), cuts=4,
@@ -579,7 +620,7 @@ OTHERS = [
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [*COMPASS, *OTHERS], ids=str)
 def test_a_curve_has_the_special_points_of_branches_wherever_it_is_cut(case: Case) -> None:
-    start = special(case.name, case.kind, case.first, case.to, case.index)
+    start = special(case.name, case.kind, case.first, case.to, case.index, case.changes)
     curve = trace(start, case.second, case.targets, progress=False)
     assert {end.reason for end in curve.special("end")} == {f"reached {case.second} = {to:.12g}" for to in case.targets}
     checks = [point.gait.verification for point in curve if point.gait.verification is not None]
