@@ -40,6 +40,7 @@ from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import IMPACT_MARGINS, Transition, Transitions, contact_of, kind, margin, named
 from gaitopt.model.walker import Walker
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.rules import natural_unit
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.rollout import FINE_ERROR, FIRST_ERROR, Rollout, roll_out
 from gaitopt.verification.return_map import ReturnMap
@@ -48,10 +49,9 @@ from gaitopt.verification.verify import confirm
 PHASE_END = 0.02
 """An event counts as at the end of a phase if it is within this part of the phase from that end."""
 DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
-"""Distances past the event at which a successor is tried, relative to the span of the parameter."""
-LEAST_SPAN = 0.01
-"""Least span from which these distances are taken, relative to the parameter: next to the event a new phase may be too
-short to simulate, however near the target is."""
+"""Distances past the event at which a successor is tried, relative to the size of the parameter."""
+LEAST_SIZE = 0.01
+"""Least size of a parameter, in its natural unit: next to zero, a new phase would be too short to simulate."""
 SIMULATED_DISTANCES = (1e-4, 1e-2)
 """Distances past the event at which a fixed point of the simulator's return map is sought if no proposal holds."""
 FIRST_STEPS = 5.0
@@ -143,6 +143,15 @@ def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
     differing = {name: sum(m[name] != state for m in neighbours) for name, state in mode.contacts.items()}
     contact = max(differing, key=lambda name: differing[name])
     return walker.label(contact) if differing[contact] else ""
+
+
+def size_of(point: CurvePoint) -> float:
+    """Size of the parameter at a gait, from which distances past an event are taken.
+
+    Which mode sequence follows must not depend on how far the family is to be continued.
+    """
+    parameter = point.curve.parameter
+    return max(abs(point.value), LEAST_SIZE * natural_unit(point.problem, parameter))
 
 
 def vanishing_force(point: CurvePoint, key: MonitorKey) -> MonitorKey:
@@ -278,15 +287,15 @@ def walked_cycles(point: CurvePoint, offset: float) -> list[tuple[Cycle, Array]]
     return cycles
 
 
-def _proposals(point: CurvePoint, edited: Sequence[Cycle], span: float) -> Iterator[tuple[Cycle, float, Array | None]]:
-    """Cycles past an event, each with a distance in spans of the parameter, and with states at its steps if known.
+def _proposals(point: CurvePoint, edited: Sequence[Cycle], size: float) -> Iterator[tuple[Cycle, float, Array | None]]:
+    """Cycles past an event, each with a distance in sizes of the parameter, and with states at its steps if known.
 
     Cycles of walks come first, then the edits. The states of the walks are tried last: if a slip crosses the section,
     only the walk knows its velocity there.
     """
     walked, proposed = list[tuple[Cycle, float, Array | None]](), {point.curve.cycle}
     for distance in DISTANCES[:2]:
-        walks = [(cycle, distance, states) for cycle, states in walked_cycles(point, distance * span)]
+        walks = [(cycle, distance, states) for cycle, states in walked_cycles(point, distance * size)]
         walked += [walk for walk in walks if walk[0] != point.curve.cycle]
         for cycle, _, _ in walks:
             if cycle not in proposed:
@@ -313,7 +322,7 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
     """
     point, curve = event.point, event.point.curve
     ahead = np.sign(point.tangent[-1]) or 1.0
-    span = max(curve.metric.span, LEAST_SPAN * abs(point.value))
+    size = size_of(point)
     candidates = successors(point.gait.system.transitions, curve.cycle, _active(point, key))
     jumps = key.kind == BREAKPOINT
     if key.phase is None:
@@ -323,20 +332,20 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
         reason = f"{curve.cycle.phase_words(key.phase)}{lost}"
     tried = dict.fromkeys(candidates)
     for side in (ahead, -ahead):
-        for cycle, distance, states in _proposals(point, candidates, side * span):
+        for cycle, distance, states in _proposals(point, candidates, side * size):
             tried[cycle] = None
-            successor = attempt(point, cycle, offset := side * distance * span, states)
+            successor = attempt(point, cycle, offset := side * distance * size, states)
             if successor is None or successor.curve.cycle == curve.cycle:
                 continue
             if _is_continuous(point, successor, offset, jumps=jumps):
-                return successor, reason, FIRST_STEPS * distance * (span / curve.metric.span)
+                return successor, reason, FIRST_STEPS * distance * (size / curve.metric.span)
     for distance in SIMULATED_DISTANCES:
-        offset = ahead * distance * span
+        offset = ahead * distance * size
         successor = simulated_gait(point, offset)
         if successor is None or successor.curve.cycle == curve.cycle:
             continue
         if _is_continuous(point, successor, offset, jumps=jumps):
-            return successor, reason, FIRST_STEPS * distance * (span / curve.metric.span)
+            return successor, reason, FIRST_STEPS * distance * (size / curve.metric.span)
     dynamics = point.gait.dynamics
     if dynamics.stick_comes_first and tried:
         jump = "static friction is above kinetic friction"
@@ -411,12 +420,13 @@ def alternatives(point: CurvePoint, known: Sequence[Cycle]) -> Iterator[CurvePoi
     One of the candidates is the cycle that alternates between the two known sequences, because the period may double at
     a border collision.
     """
+    size = size_of(point)
     proposals = successors(point.gait.system.transitions, point.curve.cycle, _active(point))
     candidates = [cycle for cycle in proposals if cycle not in known]
     if len(known) == 2:
         candidates.append(in_turn(*known))
     for cycle in candidates:
-        offsets = (side * distance * point.curve.metric.span for distance in DISTANCES for side in (1.0, -1.0))
+        offsets = (side * distance * size for distance in DISTANCES for side in (1.0, -1.0))
         attempts = (attempt(point, cycle, offset) for offset in offsets)
         successor = next((attempt for attempt in attempts if attempt is not None), None)
         if successor is not None and halved_cycle(successor.gait) is None:

@@ -30,6 +30,7 @@ from gaitopt.branches.change import (
     halves_apart,
     located_on_successor,
     predicted,
+    size_of,
     successors,
 )
 from gaitopt.branches.codimension_two import (
@@ -649,7 +650,7 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             if cycle is None:
                 return None
             origin = self._in_first(point.gait)
-            attempts = (attempt(origin, cycle, sign * distance * origin.curve.metric.span) for sign in (1.0, -1.0))
+            attempts = (attempt(origin, cycle, sign * distance * size_of(origin)) for sign in (1.0, -1.0))
             return next((found for found in attempts if found is not None), None)
         except (ProblemError, SolveError, RuntimeError):  # out of range, or singular
             return None

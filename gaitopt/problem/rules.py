@@ -340,6 +340,13 @@ def natural_units(walker: Walker) -> Scales:
     return Dynamics(_system(type(walker)), np.array([*parameter_values(walker), 0.0])).scales
 
 
+def natural_unit(problem: ProblemStatement, key: str) -> float:
+    """The natural unit of a number of a problem by its dotted key, in SI; 1 if it is a pure number or has no range."""
+    scales = natural_units(problem.walker)
+    sizes = (within.size(scales) for path, _, _, within in _spans(problem) if ".".join(map(str, path)) == key)
+    return next(sizes, 1.0)
+
+
 def _spans(problem: ProblemStatement) -> Iterator[Span]:
     """All numbers of a problem that have a range in natural units, or a range that depends on the walker."""
     walker, state = problem.walker, state_section(type(problem.walker))

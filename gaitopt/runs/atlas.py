@@ -12,7 +12,7 @@ Every branch, every curve and every verified gait is one job, see ``atlas_job``.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -204,7 +204,7 @@ def _assembled(problem: Problem, axes: tuple[Axis, Axis], records: Sequence[Reco
         failed = record.get("gait", {}) is None
         regions.append(replace(region, words=UNKNOWN, unstable=None) if failed else region)
     values = [each.value for each in slices]
-    gaps = open_gaps(slices, traces, (axes[0].lower, axes[0].upper))
+    gaps = open_gaps(slices, traces, axes[0].ends)
     return Atlas(
         problem=problem,
         axes=axes,
@@ -222,7 +222,7 @@ def _arranged(
     """Branches, traces, their arrangement; for every region the place and gait in the middle of its longest segment."""
     records = [*records]
     slices, traces = _slices(records), _traced(records)
-    arrangement = arrange(slices, (axes[0].lower, axes[0].upper), traces)
+    arrangement = arrange(slices, axes[0].ends, traces)
     segments = [[(each.value, segment) for segment in each.segments] for family in families(slices) for each in family]
     known = list[tuple[dict[str, float], Record] | None]()
     for region in arrangement.regions:
@@ -259,9 +259,8 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
         for axis in self.axes:
             if isinstance(self.problem.parameters[axis.key], int):
                 raise ArgumentError("over", f"{axis.key} is a whole number, along which there is no family")
-        for first in (self.axes[0].lower, self.axes[0].upper):
-            for second in (self.axes[1].lower, self.axes[1].upper):
-                at_point(self.problem, {self.axes[0].key: first, self.axes[1].key: second})
+        for corner in product(*(axis.ends for axis in self.axes)):
+            at_point(self.problem, dict(zip((axis.key for axis in self.axes), corner, strict=True)))
 
     def result(self, jobs: ResumableJobs) -> Atlas:
         """The branches, refined until curves explain their differences, and a verified gait in every region."""
@@ -314,7 +313,7 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
         """Values of the second parameter at which a branch is missing, each with the value where its start is known."""
         second, values = self.axes[1], [each.value for each in slices]
         smallest = (second.upper - second.lower) / (self.slices - 1) / 2**self.refinements
-        gaps = (j for j in open_gaps(slices, traces, self.span) if values[j + 1] - values[j] > 1.5 * smallest)
+        gaps = (j for j in open_gaps(slices, traces, self.axes[0].ends) if values[j + 1] - values[j] > 1.5 * smallest)
         return {
             (values[j] + values[j + 1]) / 2: max(slices[j : j + 2], key=lambda each: len(each.segments)).value
             for j in gaps
@@ -348,11 +347,6 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
     @property
     def _most_steps(self) -> int:
         return self.steps or len(self.problem.cycle.steps)
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """Range of the first parameter."""
-        return self.axes[0].lower, self.axes[0].upper
 
     @property
     def sizes(self) -> Array:
@@ -470,7 +464,7 @@ def slice_job(
         )  # fmt: skip
         walks = [
             [*split_after(follow_family(gait, replace(asked, to=(to,)), should_stop=should_stop), _is_end)]
-            for to in (first.lower, first.upper)
+            for to in first.ends
         ]
         raise_if_stopped(should_stop)
         (below, *_), (above, *_) = walks
@@ -632,9 +626,7 @@ def _both_ways(start: CurveStart, kind: str, axes: tuple[Axis, Axis], should_sto
     """The record of a curve that is traced from its start to both bounds of the range."""
     first, second = axes
     value = start.gait.dynamics.parameter(second.key)
-    targets = tuple(
-        to for to in (second.lower, second.upper) if abs(to - value) > SAME_VALUE * (second.upper - second.lower)
-    )
+    targets = tuple(to for to in second.ends if abs(to - value) > SAME_VALUE * (second.upper - second.lower))
     asked = TraceRequest(
         key=second.key, to=targets, lower=first.lower, upper=first.upper, max_points=MOST_TRACED, verify_every=0
     )

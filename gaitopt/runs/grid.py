@@ -61,6 +61,11 @@ class Axis:
             )
 
     @property
+    def ends(self) -> tuple[float, float]:
+        """The first and the last value."""
+        return self.lower, self.upper
+
+    @property
     def values(self) -> Array:
         """The values in order; shape (count,)."""
         return np.linspace(self.lower, self.upper, self.count)

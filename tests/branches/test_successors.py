@@ -1,4 +1,7 @@
-"""Mode sequences that may follow an event."""
+"""Mode sequences that may follow an event, and how far from it they are tried."""
+
+from types import SimpleNamespace
+from typing import cast
 
 from itertools import pairwise
 
@@ -6,8 +9,8 @@ import pytest
 
 import gaitopt as go
 from gaitopt import Cycle, Mode, ModeSequence
-from gaitopt.branches.change import simulated_gait, successors
-from gaitopt.branches.curve import Metric, first_point
+from gaitopt.branches.change import simulated_gait, size_of, successors
+from gaitopt.branches.curve import CurvePoint, Metric, first_point
 from gaitopt.branches.monitors import MonitorValue
 from gaitopt.gait.trace import MonitorKey
 from gaitopt.model.transitions import transitions
@@ -80,3 +83,13 @@ def test_fixed_point_of_the_simulated_return_map_is_the_gait_and_keeps_its_direc
     assert ahead is not None
     assert ahead.value == pytest.approx(gait.dynamics.parameter(slope) - 1e-4, abs=1e-15)
     assert ahead.gait.state == pytest.approx(go.solve(gait.problem.replace({slope: ahead.value})).state, abs=1e-10)
+
+
+@pytest.mark.parametrize(("key", "unit"), [("control.hip", 10 * 9.8 * 1.6), ("friction", 1.0), ("walker.slope", 1.0)])
+def test_next_to_zero_the_size_of_a_parameter_is_a_part_of_its_natural_unit(key: str, unit: float) -> None:
+    problem = go.load_problem("compass-torque-stick")  # two legs of 4 kg and 1.6 m with a hip of 2 kg
+    sizes = [
+        size_of(cast(CurvePoint, SimpleNamespace(value=value, problem=problem, curve=SimpleNamespace(parameter=key))))
+        for value in (0.0, -1e-9, 2 * unit)
+    ]
+    assert sizes == pytest.approx([0.01 * unit, 0.01 * unit, 2 * unit])

@@ -187,6 +187,17 @@ def test_mode_sequences_that_begin_at_a_change_of_modes_are_followed_on_the_way(
     assert [(end["branch"], end["value"]) for end in ends] == [(1, 0.9), (2, 0.9)]
 
 
+def test_gaits_past_a_change_of_modes_do_not_depend_on_how_far_the_family_is_continued() -> None:
+    start = go.solve(go.load_problem("rimless-wheel-stick").replace({"friction": 0.93}))
+    branches = [continuation(start, "friction", to, verify_every=0, max_points=40) for to in (0.9, 0.5)]
+    firsts = [branch.branch(1)[0].value for branch in branches]
+    change = replace(branches[0].special("mode_change")[0], after=None)  # the sequence that follows counts as another
+    spans = (1e-3, 0.1, 10.0)
+    firsts += [beginnings(change, "friction", Metric.of(change.gait, span))[0].value for span in spans]
+    assert firsts == pytest.approx([firsts[0]] * len(firsts), rel=0, abs=1e-12)
+    assert 0 < change.value - firsts[0] < 1e-3
+
+
 @pytest.mark.slow
 def test_cascade_of_the_sticking_compass_up_to_sixteen_steps() -> None:
     """The distances between its doublings shrink like those of the logistic map."""
