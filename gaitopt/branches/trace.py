@@ -691,7 +691,9 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
                 yield replace(end, gait=gait)
                 return
         self.count += 1
-        condition = self._start_at(self.point).to_record()
+        kappa = self._condition.kappa
+        along = CurveStart(type=self.kind, parameter=self.first, gait=gait, margin=self.own, kappa=kappa)
+        condition = along.to_record()
         if self._decided is not None:
             (cycle,) = self._decided
             condition["beyond"] = None if cycle is None else cast(CycleRecord, cycle_data(cycle))
@@ -705,11 +707,6 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             length=self.length,
             walk=self.point.state,
         )
-
-    def _start_at(self, point: CurvePoint) -> CurveStart:
-        """The curve as it begins at a point."""
-        kappa = self._condition.kappa
-        return CurveStart(type=self.kind, parameter=self.first, gait=point.gait, margin=self.own, kappa=kappa)
 
     def _special(self, kind: str, point: CurvePoint, status: str = "converged", reason: str = "") -> TraceSpecial:
         values = {} if self.kind == "margin" else coefficients(point.local, self.kind, self._condition.kappa)

@@ -7,6 +7,7 @@ import pytest
 
 import gaitopt as go
 from gaitopt.errors import StorageError
+from gaitopt.gait.regions import NO_GAIT
 from gaitopt.runs.atlas import ATLAS_JOBS, begun_curves, read_atlas, slice_job
 from gaitopt.runs.grid import Axis
 
@@ -79,6 +80,39 @@ def test_branches_are_added_until_curves_explain_their_differences(tmp_path) -> 
     short = min((c for c in enough.arrangement.curves if c.type == "period_doubling"), key=lambda c: c.points[-1, 1])
     ends = np.array([(0.05, 0.004065045317), (0.0593237022, 0.005704587)])  # of the trace from a branch at 0.32 deg
     assert short.points[[0, -1]] == pytest.approx(ends, abs=1e-9)
+
+
+PLACES = {
+    "compass-torque-stick": ({"friction": (0.12, 0.3), "control.ankle": (1.2, 2.0)}, 9, 4),
+    "heel-toe": ({"friction": (0.24, 0.32), "walker.toe": (0.03, 0.05)}, 5, 4),
+    "rabbit-hzd": ({"friction": (0.48, 0.62), "control.gains.kp": (60.0, 140.0)}, 3, 2),
+}
+"""Ranges and number of branches of the atlases of the documentation, and the number of their mode sequences."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLACES)
+def test_the_atlases_of_the_documentation_have_its_curves_and_verified_gaits(name, tmp_path) -> None:
+    over, slices, sequences = PLACES[name]
+    found = go.atlas(name, over, slices=slices, workers=1, output=tmp_path, progress=False)
+    regions, points = (found.to_record()[key] for key in ("regions", "points"))
+    assert not found.unexplained
+    assert sum(region["area"] for region in regions) == pytest.approx(1, rel=1e-3)
+    walked = [region for region in regions if region["modes"] != NO_GAIT]
+    assert all(region["gait"]["verification"]["passed"] for region in walked)
+    assert len({region["modes"] for region in walked}) == sequences
+    if name == "compass-torque-stick":
+        (crossing,) = (point for point in points if point["type"] == "margin_crossing")
+        assert [*crossing["values"].values()] == pytest.approx((0.148600305, 1.78688005), abs=1e-8)
+        assert {"period_doubling", "impact_change"} <= {curve.type for curve in found.arrangement.curves}
+    elif name == "heel-toe":
+        (strike,) = (curve for curve in found.arrangement.curves if curve.type == "impact_change")
+        assert np.interp(0.04, strike.points[:, 1], strike.points[:, 0]) == pytest.approx(0.25873, abs=1e-4)
+        assert {region["stable"] for region in walked if "heel slip_forward" in region["modes"]} == {True, False}
+    else:
+        (slips,) = found.arrangement.curves
+        assert slips.points[:, 0] == pytest.approx(0.566667, abs=1e-6)
+        assert all(region["stable"] for region in regions)
 
 
 OLDER = {"job": "1", "value": 0.1, "segments": [], "specials": [{"type": "end", "value": 0.2, "status": "converged"}]}
