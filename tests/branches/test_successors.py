@@ -1,9 +1,8 @@
 """Mode sequences that may follow an event, and how far from it they are tried."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import cast
-
-from itertools import pairwise
 
 import pytest
 
