@@ -434,31 +434,27 @@ def test_engines_that_are_missing_or_cannot_be_imported_are_exit_code_2(capsys, 
     assert "--engine mujoco: cannot be imported: compiled for another numpy\n" in refused("mujoco")
 
 
-def test_what_an_engine_has_no_law_for_is_exit_code_3(capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(engines, "ENGINES", {"mujoco": "numpy"})
-    monkeypatch.setattr(engines, "import_module", lambda name: sys.modules["numpy_engine"])
-    assert main(["replay", "slip-run", "--engine", "mujoco", "--quiet"]) == 3
-    assert "slip_runner has flight and massless feet; the engines cannot model that" in capsys.readouterr().err
-    assert main(["replay", "compass-passive-stick", "--engine", "mujoco", "--setting", "wild", "--quiet"]) == 2
-    assert "--setting 'wild': numpy-engine has no setting of this name; use default, best" in capsys.readouterr().err
-
-
-def test_the_command_prints_one_object_per_setting(capsys, monkeypatch, tmp_path):
+def test_the_command_prints_an_object_per_setting_and_refuses_what_has_no_law(run, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(engines, "ENGINES", {"mujoco": "numpy"})
     monkeypatch.setattr(engines, "import_module", lambda name: sys.modules["numpy_engine"])
     words = ["replay", "compass-passive-stick", "--engine", "mujoco", "--dt", "0.004", "--setting", "default"]
-    assert main([*words, "-o", "kept", "--json"]) == 0
-    (line,) = capsys.readouterr().out.splitlines()
+    code, out, _ = run(*words, "-o", "kept", "--json")
+    (line,) = out.splitlines()
     record = json.loads(line)
+    assert code == 0
     assert {"problem", "engine", "version", "settings", "dt", "state_error", "order", "slip", "creep"} <= set(record)
     assert {"slip_missed", "slip_invented", "sequence_matches", "impact_error", "energy_error"} <= set(record)
     assert {"seconds_per_second", "largest_dt"} <= set(record)
     assert record["slip"].keys() == {"gait", "engine"}
     assert record["file"] == "kept/replay-numpy-engine.json"
-    assert main([*words, "-o", "kept"]) == 0
-    assert "modes are right" in capsys.readouterr().out
+    code, out, _ = run(*words, "-o", "kept")
+    assert (code, "modes are right" in out) == (0, True)
+    code, _, err = run("replay", "slip-run", "--engine", "mujoco", "--quiet")
+    assert (code, "slip_runner has flight and massless feet; the engines cannot model that" in err) == (3, True)
+    code, _, err = run(*words[:-1], "wild", "--quiet")
+    assert code == 2
+    assert "--setting 'wild': numpy-engine has no setting of this name; use default, best" in err
 
 
 def test_settings_of_ones_own_and_wrong_time_steps():

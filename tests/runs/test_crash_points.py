@@ -34,7 +34,7 @@ COMMANDS = {
         *("front", "rimless-wheel-slope", "--set", "objective=walker.slope", "--set", "constraints={}"),
         *("--over", "constraints.speed.min=0.8:0.81:2", "-o", "run"),
     ),
-    "robustness": ("robustness", WHEEL, "--what", "push,sensitivity", "--workers", "1", "-o", "run"),
+    "robustness": ("robustness", WHEEL, "--what", "sensitivity", "--engine", "scipy", "--workers", "1", "-o", "run"),
     "simulate": ("simulate", WHEEL, "-o", "run"),
     "plot": ("plot", WHEEL, "--what", "slip", "--format", "svg"),
     "report": ("report", WHEEL),

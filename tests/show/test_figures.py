@@ -191,7 +191,7 @@ def test_the_same_gait_gives_the_same_bytes(tmp_path, extension):
     assert first.read_bytes() == second.read_bytes()
 
 
-def test_symbols_and_units_are_those_of_the_textbook():
+def test_symbols_and_units_are_those_of_the_textbook_and_angles_are_in_degrees_where_the_file_has_them():
     assert symbol("theta1") == "θ₁"
     assert symbol("dtheta2") == "θ\u0307₂"
     assert symbol("torso") == "torso"
@@ -199,6 +199,13 @@ def test_symbols_and_units_are_those_of_the_textbook():
     assert str(label("walker.slope")) == "slope [rad]"
     assert str(label("control.hip", load_problem("compass-torque-slip"))) == "hip torque [N m]"
     assert str(label("control.first.drive", load_problem("crawler"))) == "drive motor force [N]"
+    problem = load_problem("compass-passive-a")
+    shown = parameter_of(problem, "walker.slope")
+    assert str(shown.label) == "slope [°]"
+    assert shown.shown([{"value": np.pi / 60}, {"value": None}]) == [{"value": pytest.approx(3)}, {"value": None}]
+    assert str(parameter_of(problem, "friction").label) == "coefficient of friction μ"
+    bare = replace(problem, text=problem.text.replace("1 deg", "0.0175"))
+    assert str(parameter_of(bare, "walker.slope").label) == "slope [rad]"
 
 
 def grid_records(values):
@@ -374,16 +381,6 @@ def test_legends_of_long_cascades_stay_inside_and_leave_the_axes_their_height():
     assert box.x1 <= figure.bbox.x1
     assert figure.axes[0].get_window_extent(renderer).height > 2 * figure.dpi
     assert len({line.get_color() for line in figure.axes[0].lines}) > 9  # the level of one is a line, too
-
-
-def test_angles_of_a_branch_are_in_degrees_where_the_file_has_them():
-    problem = gait("compass-passive-a").problem
-    shown = parameter_of(problem, "walker.slope")
-    assert str(shown.label) == "slope [°]"
-    assert shown.shown([{"value": np.pi / 60}, {"value": None}]) == [{"value": pytest.approx(3)}, {"value": None}]
-    assert str(parameter_of(problem, "friction").label) == "coefficient of friction μ"
-    bare = replace(problem, text=problem.text.replace("1 deg", "0.0175"))
-    assert str(parameter_of(bare, "walker.slope").label) == "slope [rad]"
 
 
 def test_a_family_that_ends_with_unbounded_multipliers_keeps_its_scale():

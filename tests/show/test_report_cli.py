@@ -35,15 +35,12 @@ def test_plot_solves_stores_and_draws_what_tells_something(tmp_path, capsys):
     assert "torques.svg" not in names
 
 
-def test_a_stored_run_is_drawn_without_solving_it_again(capsys):
+def test_a_stored_run_is_drawn_without_solving_it_again_and_with_another_in_a_folder_of_their_own(tmp_path, capsys):
     main(["solve", PROBLEM, "--quiet"])
     assert main(["plot", PROBLEM, "--what", "portrait", "--format", "pdf", "-o", "drawn"]) == 0
     said = capsys.readouterr()
     assert "taken from" in said.err
     assert said.out.endswith("drawn/portrait.pdf\n")
-
-
-def test_gaits_in_one_picture_go_to_a_folder_of_their_own(tmp_path, capsys):
     assert main(["plot", PROBLEM, "--quiet", "--what", "nonsense"]) == 2
     assert "nonsense" in capsys.readouterr().err
     assert main(["plot", PROBLEM, "rimless-wheel-stick", "--what", "portrait", "--quiet"]) == 0

@@ -72,10 +72,14 @@ def test_the_manifest_names_versions_and_platform_but_no_host(folder):
     assert platform.node() not in (folder / "manifest.json").read_text()
 
 
-def test_the_same_problem_replaces_its_run(folder):
+def test_the_same_problem_replaces_its_run_and_another_is_refused_and_changes_nothing(folder):
     written(folder, record=GAIT | {"period": 2.0})
     assert Run(folder).read_result()[0]["period"] == 2.0
     assert sorted(contents(folder)) == FILES
+    before = contents(folder)
+    with pytest.raises(StorageError, match="contains another problem"):
+        written(folder, SomeProblem(friction=0.3))
+    assert contents(folder) == before
 
 
 def test_the_problem_of_a_run_stays_readable_while_another_result_is_written(folder, monkeypatch):
@@ -90,13 +94,6 @@ def test_the_problem_of_a_run_stays_readable_while_another_result_is_written(fol
     assert Run(folder).holds("problem.yaml", "resolved.json", "trajectory.csv")
     assert not Run(folder).holds("gait.json")
     assert Run(folder).read_object("resolved.json") == SomeProblem().resolved()
-
-
-def test_another_problem_is_refused_and_changes_nothing(folder):
-    before = contents(folder)
-    with pytest.raises(StorageError, match="contains another problem"):
-        written(folder, SomeProblem(friction=0.3))
-    assert contents(folder) == before
 
 
 def test_a_foreign_folder_is_refused_and_left_alone(tmp_path):
