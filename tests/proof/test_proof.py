@@ -93,9 +93,13 @@ def test_a_named_gait_is_proved_where_the_solver_and_the_simulator_find_it(name)
     for multiplier in result.multipliers:
         assert max(float(multiplier.real.rad()), float(multiplier.imag.rad())) < (1e-9 if wheel else 1e-6)
     walked = measure(simulate(solved, steps=len(solved.steps)).trajectory.steps)
+    vanishing = (walked["min_normal_force"] or 0.0) < 1e-6  # then no ratio of forces is bounded
     for key, bounds in result.measures.items():
         for value in (walked[key], solved.measures[key]):
-            assert value is None if bounds is None else arb(value, MEASURED).contains(bounds), key
+            if bounds is None:
+                assert value is None or (vanishing and key == "required_friction"), key
+            else:
+                assert arb(value, MEASURED).contains(bounds), key
 
 
 def closed_form(slope):
