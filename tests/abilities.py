@@ -502,8 +502,8 @@ LEAVES_FAST = (
     "faster, which is three times its rate in this gait"
 )
 OWN_COORDINATES = (
-    "massless contacts have coordinates of their own, whose forces do not follow from accelerations, so that the "
-    "theorem does not apply"
+    "forces of massless contacts with coordinates of their own do not follow from accelerations, by which the theorem "
+    "compares modes, and that their springs conserve the energy is none of its exact identities"
 )
 REASONS: Mapping[tuple[str, str], str] = {
     ("open-loop torques", "Newton"): "free torques are more unknowns than equations, so that an objective chooses them",
