@@ -34,7 +34,7 @@ from gaitopt.model.control import Control
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.statement import problem_data
 from gaitopt.proof import claims
-from gaitopt.proof.arithmetic import PRECISION, ball
+from gaitopt.proof.arithmetic import PRECISION, NotProved, ball
 from gaitopt.proof.certificate import read_certificate
 from gaitopt.proof.check import check
 from gaitopt.proof.prove import RADIUS, arc_records, divide_into_steps, newton_step
@@ -290,3 +290,44 @@ def test_where_a_contact_leaves_the_ground_no_other_one_slips_instead():
         y = [arb(float(value), 1e-9) for value in (*walk.arcs[1].states[0], walk.arcs[1].start)]
         words, _ = claims._mode_at_rest(statement.orbit(()), 1, y)
     assert words.endswith("swing_heel cannot")
+
+
+@cache
+def inchworm():
+    """The gait of the inchworm with two coefficients for each of its contacts, which never slip forward together."""
+    data = problem_data(gait("inchworm").problem)
+    data["friction"] = {"rear": {"static": 0.55, "kinetic": 0.5}, "front": {"static": 0.44, "kinetic": 0.4}}
+    data["gait"]["phases"] = [phase for k, phase in enumerate(data["gait"]["phases"]) if k not in (6, 7)]
+    state = {"rear_angle": 0.5992, "front_angle": 0.5992, "y": 0.4129, "drear_angle": 0.9909, "dfront_angle": 0.9909,
+             "dy": -0.2794, "dx": 0.3042}  # fmt: skip
+    durations = [0.0502, 0.1928, 0.0689, 0.0084, 0.3764, 0.111, 0.0122, 0.0168, 0.1633]
+    data["gait"]["guess"] = {"state": state, "durations": durations}
+    walk = solve(parse_problem(json.dumps(data)), progress=False)
+    assert walk.converged, walk.message
+    return walk
+
+
+def test_where_a_contact_of_the_inchworm_begins_to_slip_no_other_one_slips_instead():
+    """The state in which the front begins to slip is none in which the rear does, although as many contacts stick."""
+    walk, other = inchworm(), r"rear stick \+ front slip_forward, in which as many contacts stick, is not shown"
+    statement = restored(without_boxes(walk.problem))
+    with ctx.workprec(PRECISION):
+        names = claims.mode_claim_names(statement.system, statement.law, statement.cycle, statement.arcs)
+        starts = [int(name.split(",")[0].removeprefix("arc ")) - 1 for name in names if name.endswith("mode at rest")]
+        assert starts == [3, 4, 7, 8]
+        y = {j: [arb(float(value), 1e-9) for value in (*walk.arcs[j].states[0], walk.arcs[j].start)] for j in starts}
+        for j in starts:
+            assert claims._mode_at_rest(statement.orbit(()), j, y[j])[0].endswith("cannot")
+        with pytest.raises(NotProved, match=other):
+            claims._mode_at_rest(statement.orbit(()), 3, y[7])
+
+
+@pytest.mark.slow
+def test_the_inchworm_with_two_coefficients_is_proved():
+    """Its contacts change their modes nine times per cycle."""
+    walk = inchworm()
+    result = prove(walk, progress=False)
+    assert result.proved, failed(result)
+    assert result.stable
+    assert abs(float(result.measures["step_length"].mid()) - walk.measures["step_length"]) < 1e-9
+    assert refusals(reworded(through_json(result.certificate), ("0.44", "0.441")))
