@@ -396,8 +396,8 @@ def stabilise(
     ------
     ProblemError
         If the walker has no motors; if virtual constraints are requested, but the walker does not have exactly one
-        motor less than shape coordinates, or the gait has several steps; if no phase is monotone; or if the law has no
-        parameters to correct.
+        motor less than shape coordinates; if a law over a phase or the clock is requested for a gait of more than two
+        steps; if no phase is monotone; or if the law has no parameters to correct.
     SolveError
         If the gait is a failed solve, or there is no gait near it under the laws that were tried.
     StorageError

@@ -470,12 +470,13 @@ class Sensitivity:
 
     def invariance(self) -> Iterator[tuple[str, float, Candidate]]:
         """Name, natural unit and value of every quantity that is zero for an invariant curve, see ``invariance``."""
-        labels = invariance_labels(self.equations.system)
+        labels = invariance_labels(self.equations)
         if not labels:
             return
         for (value, slope), label in zip(self._evaluated(_at_start(self.equations)), labels, strict=True):
             unit = 1 / self.dynamics.scales.time if label.name == RATE else 1.0
-            yield label.name, unit, Candidate(f"{label.name} {label.coordinate}", value, slope)
+            step = f" {label.step}" if label.step else ""
+            yield label.name, unit, Candidate(f"{label.name} {label.coordinate}{step}", value, slope)
 
     def _evaluated(self, function: Function) -> list[Differentiated]:
         """The values of a function (w, p) -> values and Jacobian by w."""
@@ -487,28 +488,33 @@ class Sensitivity:
 OUTPUT, RATE = "output after the impact", "rate of the output after the impact"
 
 
-def invariance_labels(system: HybridSystem) -> tuple[Label, ...]:
+def invariance_labels(equations: MultipleShooting) -> tuple[Label, ...]:
     """The labels of the rows of ``invariance``; none if the law's curves need not be invariant."""
-    law = system.control
+    law = equations.system.control
     if not isinstance(law, VirtualConstraints) or not law.is_invariant:
         return ()
-    outputs = tuple(Label(name=OUTPUT, coordinate=name, unit="rad") for name in law.outputs)
-    return (*outputs, *(Label(name=RATE, coordinate=name, unit="rad/s") for name in law.outputs))
+    kinds = ((OUTPUT, "rad"), (RATE, "rad/s"))
+    return tuple(
+        Label(name=name, step=step, coordinate=output, unit=unit)
+        for step in range(len(equations.mesh.cycle.steps))
+        for name, unit in kinds
+        for output in law.outputs
+    )
 
 
 def invariance(equations: MultipleShooting) -> MX:
-    """Quantities that are zero if virtual constraints are invariant under the impact: outputs and rates just after it.
+    """Quantities that are zero if virtual constraints are invariant: outputs and rates just after every impact.
 
     The outputs then stay zero up to the next impact, which leads back to a posture and rates on the curves.
     """
-    t = equations
-    if not invariance_labels(t.system):
-        return MX(0, 1)
-    arc, nodes, start, _ = t.arc(0)
-    known = t.system.quantities(arc.mode)(
-        t=start, z=nodes[:, 0], r=MX(t.system.data(arc.segment)), p=t.phase_parameters[0]
-    )
-    return vertcat(known["outputs"], known["rates"])
+    t, rows = equations, [MX(0, 1)]
+    for phase in t.mesh.cycle.first_phases if invariance_labels(t) else ():
+        arc, nodes, start, _ = t.arc(next(k for k, arc in enumerate(t.mesh.arcs) if arc.phase == phase))
+        known = t.system.quantities(arc.mode)(
+            t=start, z=nodes[:, 0], r=MX(t.system.data(arc.segment)), p=t.phase_parameters[phase]
+        )
+        rows += [known["outputs"], known["rates"]]
+    return vertcat(*rows)
 
 
 @built_once(maxsize=8)

@@ -273,7 +273,7 @@ class SmoothedProblem:
             Block(name="margins", expression=margins, lower=clearances, labels=labels),
         ]
 
-        invariant, labels = invariance(equations), invariance_labels(equations.system)
+        invariant, labels = invariance(equations), invariance_labels(equations)
         blocks.append(Block(name="invariance", expression=invariant, lower=0.0, upper=0.0, labels=labels))
 
         # extrema, each of which bounds the samples of a curve from one side

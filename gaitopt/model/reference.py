@@ -691,11 +691,11 @@ PHASE_FORMS: Mapping[type[Reference], str] = {
 """An example of each kind of reference over the phase variable of a control law."""
 
 
-def _reader(forms: Mapping[type[Reference], str], *, over_law: bool) -> WrapValidator:
+def _reader(forms: Mapping[type[Reference], str], *, over_law: bool, optional: bool = False) -> WrapValidator:
     """A validator that reads a reference by its keys; a ``Curve`` becomes a reference with this curve."""
 
-    def read(value: Any, handler: ValidatorFunctionWrapHandler) -> Reference:
-        if isinstance(value, Reference):
+    def read(value: Any, handler: ValidatorFunctionWrapHandler) -> Reference | None:
+        if isinstance(value, Reference) or (optional and value is None):
             return value
         if isinstance(value, Curve):
             return Reference().with_curve(value)
@@ -742,3 +742,26 @@ OverPhase = Annotated[
     Without(ARGUMENT),
 ]
 """Type of the key ``reference`` of curves over the phase variable of a control law."""
+OtherOverPhase = Annotated[
+    BezierReference | None,
+    _reader({BezierReference: PHASE_FORMS[BezierReference]}, over_law=True, optional=True),
+    Without(ARGUMENT),
+]
+"""Type of the key ``other_reference`` of such curves."""
+
+
+def exchanged_points(reference: Reference, other: BezierReference | None) -> dict[str, str]:
+    """Keys of the control points of a reference, with those of the one that applies in every second step, if any."""
+    return {f"reference.{key}": f"other_reference.{key}" for key in (() if other is None else reference.parameters)}
+
+
+def faults_of_other(reference: Reference, other: BezierReference | None) -> Iterator[Fault]:
+    """Differences between two references beyond the values of their control points."""
+    if other is None:
+        return
+    if isinstance(reference, BezierReference) and {*reference.parameters} == {*other.parameters}:
+        one, two = (each.model_dump(exclude={"bezier"}) for each in (reference, other))
+        if one == two:
+            return
+    words = "differs from the reference in more than its control points: give both joints, degree and argument"
+    yield ("other_reference",), f"{words}, {{bezier: ...}}, alike"

@@ -12,7 +12,7 @@ from pydantic import Field
 from gaitopt.arrays import Array
 from gaitopt.model.control import Control
 from gaitopt.model.instant import Instant
-from gaitopt.model.reference import BezierReference, Followed, Path
+from gaitopt.model.reference import BezierReference, Followed, Path, exchanged_points, faults_of_other
 from gaitopt.model.units import Finite, Within
 from gaitopt.model.walker import WalkerType
 
@@ -58,8 +58,7 @@ class ProportionalDerivative(Control):
     @property
     def exchanged(self) -> Mapping[str, str]:
         """The control points of both references, if there are two."""
-        points = () if self.other_reference is None else self.reference.parameters
-        return {f"reference.{key}": f"other_reference.{key}" for key in points}
+        return exchanged_points(self.reference, self.other_reference)
 
     @property
     def horizon(self) -> float:
@@ -73,10 +72,7 @@ class ProportionalDerivative(Control):
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
         """Faults of every law, and motors without a joint."""
         yield from super().faults(walker)
-        other = self.other_reference
-        if other is not None and not (isinstance(self.reference, BezierReference) and _alike(self.reference, other)):
-            words = "differs from the reference in more than its control points: give both joints, degree and argument"
-            yield ("other_reference",), f"{words}, {{bezier: ...}}, alike"
+        yield from faults_of_other(self.reference, self.other_reference)
         if len(walker.tracked) != len(walker.actuators):
             yield (
                 ("type",),
@@ -98,12 +94,6 @@ class ProportionalDerivative(Control):
         target, active = curve.weighted(now, now.p.reference, (kp, kd))
         u = -active * (kp * angles + kd * rates - target)
         return {motor[joint]: torque for joint, torque in zip(curve.names, vertsplit(u), strict=True)}
-
-
-def _alike(one: BezierReference, other: BezierReference) -> bool:
-    """Whether two references differ at most in the values of their control points."""
-    stated = [reference.model_dump(exclude={"bezier"}) for reference in (one, other)]
-    return {*one.parameters} == {*other.parameters} and stated[0] == stated[1]
 
 
 def _angles(now: Instant, joints: Sequence[str]) -> tuple[SX, SX]:

@@ -35,7 +35,17 @@ from gaitopt.arrays import Array
 from gaitopt.model.control import Control
 from gaitopt.model.curve import Curve
 from gaitopt.model.instant import Instant
-from gaitopt.model.reference import CurveReference, GaitReference, OverPhase, Path, Reference, TableReference
+from gaitopt.model.reference import (
+    CurveReference,
+    GaitReference,
+    OtherOverPhase,
+    OverPhase,
+    Path,
+    Reference,
+    TableReference,
+    exchanged_points,
+    faults_of_other,
+)
 from gaitopt.model.units import Angle, NonNegative
 from gaitopt.model.walker import WalkerType
 
@@ -84,6 +94,13 @@ class VirtualConstraints(Control):
         ),
     ] = None
     reference: Annotated[OverPhase, Field(description="curves of the outputs as functions of the phase variable")]
+    other_reference: Annotated[
+        OtherOverPhase,
+        Field(
+            description="curves in the second, fourth, ... step of a cycle; Bezier curves with the outputs and the "
+            "degree of those of the reference"
+        ),
+    ] = None
     clamp: Annotated[
         float | None,
         Field(
@@ -148,11 +165,18 @@ class VirtualConstraints(Control):
 
     @property
     def targets(self) -> dict[str, Reference]:
-        """The reference; by default each output follows its own angle of a gait."""
+        """The references; by default each output follows its own angle of a gait."""
         reference: Reference = self.reference
         if isinstance(reference, GaitReference | CurveReference) and reference.joints is None and reference.source[0]:
             reference = reference.model_copy(update={"joints": {name: name for name in self.outputs}})
-        return {"reference": reference}
+        return {"reference": reference} | (
+            {} if self.other_reference is None else {"other_reference": self.other_reference}
+        )
+
+    @property
+    def exchanged(self) -> Mapping[str, str]:
+        """The control points of both references, if there are two."""
+        return exchanged_points(self.reference, self.other_reference)
 
     @property
     def curve(self) -> Curve:
@@ -193,6 +217,7 @@ class VirtualConstraints(Control):
             yield ("span",), "is missing: give the phase just after and just before the impact, span: [START, END]"
         elif self.span is not None and self.span[0] == self.span[1]:
             yield ("span",), f"is empty: both ends are {self.span[0]:g}; give the phase after and before the impact"
+        yield from faults_of_other(self.reference, self.other_reference)
         names = self.targets["reference"].names
         if {*names} != {*self.outputs} and (
             names or not isinstance(self.reference, CurveReference)

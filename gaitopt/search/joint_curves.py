@@ -29,7 +29,7 @@ Westervelt, Grizzle & Koditschek (2003), Hybrid zero dynamics of planar biped wa
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -261,6 +261,23 @@ class FittedCurves:
     def degree(self) -> int:
         """Degree of the curves."""
         return self.points.shape[1] - 1
+
+    def over(self, span: tuple[float, float], other: tuple[float, float]) -> "FittedCurves":
+        """The same polynomials, whose control points belong to another span; the polar form yields the points.
+
+        References
+        ----------
+        Ramshaw (1989), Blossoms are polar forms, Computer Aided Geometric Design 6, 323-358.
+        """
+        if span == other:
+            return self
+        ends, rows = [(x - span[0]) / (span[1] - span[0]) for x in other], list[Array]()
+        for k in range(self.degree + 1):
+            points = self.points
+            for s in [ends[0]] * (self.degree - k) + [ends[1]] * k:
+                points = (1 - s) * points[:, :-1] + s * points[:, 1:]
+            rows.append(points[:, 0])
+        return replace(self, points=np.stack(rows, axis=1))
 
     def rows(self, names: Sequence[str]) -> dict[str, list[float]]:
         """The control points by joint, in the form of a problem file."""

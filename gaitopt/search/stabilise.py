@@ -76,6 +76,8 @@ DESIGN_DEGREE = 6
 """Largest degree of the curves of a design, which has an unknown per control point."""
 INSIDE = 0.95
 """A design keeps the spectral radius below this fraction of the requested bound, so that the solved gait meets it."""
+REFERENCES = ("reference", "other_reference")
+"""Keys of the curves of the first step and of the second one."""
 COMPARED = 101
 """Number of instants at which two motions are compared."""
 Candidate = tuple[dict[str, Any], FittedCurves | None, Joints | None, str, Gait]
@@ -232,8 +234,10 @@ class _Search:
     @property
     def _needs_design(self) -> bool:
         """Whether other curves may help: there is no gait, or the spectral radius or a torque is too large."""
-        if self._law is not FeedbackLaw.CONSTRAINTS or self._best is None:
-            return self._law is FeedbackLaw.CONSTRAINTS
+        if self._law is not FeedbackLaw.CONSTRAINTS or len(self._gait.steps) > 1:  # a design has curves of one step
+            return False
+        if self._best is None:
+            return True
         gait, efforts = self._best.gait, _efforts(type(self._best.gait.problem.walker))
         excess = any(peak > efforts.get(name, np.inf) for name, peak in peak_torques(gait.arcs).items())
         return excess or gait.scalar("spectral_radius") >= self._request.radius
@@ -303,6 +307,13 @@ def _designed(candidate: "Candidate", gait: Gait, bound: float, should_stop: Sto
     )
     found = replace(fitted, points=points, violation=0.0)
     return ({**control, "reference": {"bezier": found.rows(joints.names)}}, found, joints, phase, solved), words
+
+
+def _curves(fits: Sequence[FittedCurves], of_steps: Sequence[Joints]) -> dict[str, dict[str, list[float]]]:
+    """Control points over the span of the first step by joint, for the reference and that of every second step."""
+    spans = [joints.span for joints in of_steps]
+    rows = [fit.over(span, spans[0]).rows(of_steps[0].names) for fit, span in zip(fits, spans, strict=True)]
+    return dict(zip(REFERENCES, rows, strict=False))
 
 
 def _check(gait: Gait) -> None:
@@ -414,6 +425,9 @@ def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[I
         end = gait.problem.cycle_end
         words = "the clock of its law, which no other law has" if end == CLOCK else f"{end}, where no step begins"
         raise ProblemError(f"{name}: a cycle ends with {words}; use step_feedback")
+    if len(gait.steps) > 2:
+        words = f"it has {len(gait.steps)} steps; the law has curves for the first one and for the other"
+        raise ProblemError(f"{name}: {words}: use step_feedback")
     if law is FeedbackLaw.CONSTRAINTS:
         motors = _driven(gait)
         if not motors:
@@ -422,32 +436,29 @@ def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[I
                 f"{name}: virtual constraints need one motor less than shape coordinates; {words}: use a PD law, or a "
                 "gait in which one motor less is used"
             )
-        if len(gait.steps) > 1:
-            words = f"it has {len(gait.steps)} steps, in all of which virtual constraints have the same curves"
-            raise ProblemError(f"{name}: {words}: use pd or step_feedback")
-        (joints,), phase = _along_phase(gait, motors, motors, request.phase, decoupled=True)
+        of_steps, phase = _along_phase(gait, motors, motors, request.phase, decoupled=True)
         degrees = range(SMALLEST_DEGREE, MOST_DEGREE + 1) if request.degree is None else [request.degree]
-        fits = [invariant_curves(joints, degree, efforts) for degree in degrees]
-        close = [fit for fit in fits if fit.deviation < CLOSE and fit.violation <= VIOLATED]
-        rate, slips = SETTLING / gait.scalar("period"), any(arc.mode.slips for arc in gait.arcs)
-        for fitted in close or [min(fits, key=lambda fit: (fit.violation, fit.deviation))]:
+        fits = [[invariant_curves(joints, degree, efforts) for joints in of_steps] for degree in degrees]
+        steps = [int(np.argmax([fit.violation + fit.deviation for fit in each])) for each in fits]
+        worst = [each[step] for each, step in zip(fits, steps, strict=True)]
+        close = [k for k, fit in enumerate(worst) if fit.deviation < CLOSE and fit.violation <= VIOLATED]
+        rate = SETTLING * len(of_steps) / gait.scalar("period")
+        slips = any(arc.mode.slips for arc in gait.arcs)
+        for k in close or [min(range(len(worst)), key=lambda k: (worst[k].violation, worst[k].deviation))]:
             control: dict[str, Any] = {
                 "type": VirtualConstraints.type,
                 "outputs": list(motors),
                 "phase": phase,
-                "span": list(joints.span),
-                "reference": {"bezier": fitted.rows(joints.names)},
+                "span": list(of_steps[0].span),
+                **{key: {"bezier": rows} for key, rows in _curves(fits[k], of_steps).items()},
                 "gains": {"kp": rate**2, "kd": 2 * rate},
                 "model": FootModel.ACTUAL if slips else FootModel.STICK,
                 **({} if motors == walker.actuators else {"motors": list(motors)}),
             }
-            yield [(control, fitted, joints, phase, gait)]
+            yield [(control, worst[k], of_steps[steps[k]], phase, gait)]
         return
     if len(walker.tracked) != len(walker.actuators):
         raise ProblemError(f"{name}: the {walker.model} does not define `tracked`, the joint of each motor")
-    if len(gait.steps) > 2:
-        words = f"it has {len(gait.steps)} steps; a PD law has a reference for the first one and one for the other"
-        raise ProblemError(f"{name}: {words}: use step_feedback")
     if request.phase in (None, CLOCK):
         of_steps, phase = _of_steps(gait, walker.tracked, walker.actuators, CLOCK), CLOCK
     else:
@@ -485,7 +496,7 @@ def _tracking(gait: Gait, of_steps: Sequence[Joints], phase: str, degree: int, g
     fits = [tracked_curves(joints, degree, gains, efforts, (start, end)) for joints in of_steps]
     argument = {"duration": end, "beyond_end": "linear"} if phase == CLOCK else {"phase": phase, "span": [start, end]}
     motions = [{"bezier": fit.rows(joints.names), **argument} for fit, joints in zip(fits, of_steps, strict=True)]
-    references = dict(zip(("reference", "other_reference"), motions, strict=False))
+    references = dict(zip(REFERENCES, motions, strict=False))
     control = {"type": ProportionalDerivative.type, "kp": gains[0], "kd": gains[1], **references}
     worst = max(range(len(fits)), key=lambda k: fits[k].deviation)
     return control, fits[worst], of_steps[worst], phase, gait
@@ -539,9 +550,12 @@ def _postures(step: Step) -> Array:
 
 def _invariance(gait: Gait) -> float | None:
     """Largest output of virtual constraints, or rate of one, just after the impact; None under another law."""
-    arc = gait.arcs[0]
     if not isinstance(gait.system.control, VirtualConstraints):
         return None
-    function = buffered(gait.system.quantities(arc.mode))
-    y, rates, _ = function(0.0, gait.steps[-1].final_impact.state, gait.p, gait.system.data(arc.segment))
-    return float(max(np.abs(y).max(), np.abs(rates).max()))
+    largest = 0.0
+    for step, following in zip(gait.steps, (*gait.steps[1:], gait.steps[0]), strict=True):
+        arc = following.arcs[0]
+        function = buffered(gait.system.quantities(arc.mode))
+        y, rates, _ = function(0.0, step.final_impact.state, arc.dynamics.p, gait.system.data(arc.segment))
+        largest = max(largest, float(np.abs(y).max()), float(np.abs(rates).max()))
+    return largest

@@ -6,6 +6,7 @@ from named import named
 
 import gaitopt as go
 from gaitopt import Cycle
+from gaitopt.errors import ProblemError
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.runs.sweep import SweepPlan
 from gaitopt.search.candidates import SearchJob, find_candidates
@@ -106,7 +107,7 @@ def test_no_gait_is_ruled_out_at_200_random_parameters(name):
         }
         try:
             problem = original.replace(changed).from_guess()
-        except go.ProblemError:  # no state of the section has the coordinates of the guess
+        except ProblemError:  # no state of the section has the coordinates of the guess
             continue
         if possible_gaits(problem)[0]:
             continue

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from driven_walkers import DrivenHeelToe, DrivenHopper
@@ -11,12 +12,15 @@ from named import solved
 
 import gaitopt as go
 from gaitopt.api.stored import check_problem_file, write_problem_file
+from gaitopt.design.sensitivity import invariance, invariance_labels
 from gaitopt.errors import ProblemError, SolveError, StorageError
 from gaitopt.model.curve import bernstein_matrix
 from gaitopt.problem.problem import restore_problem
 from gaitopt.problem.statement import problem_data
 from gaitopt.problem.writing import ExactValues, write_problem
-from gaitopt.search.joint_curves import CLOCK, Joints, invariant_curves, tracked_curves
+from gaitopt.search.joint_curves import CLOCK, FittedCurves, Joints, invariant_curves, tracked_curves
+from gaitopt.solver.rollout import guessed_motion
+from gaitopt.systems import problem_dynamics
 
 MOTORS = ("stance_hip", "stance_knee", "swing_hip", "swing_knee")
 SLIPPERY = go.load_problem("compass-torque-stick").replace({"friction": 0.05})
@@ -243,10 +247,25 @@ control:
   other_reference: {bezier: {theta2: [0, 0.2]}, duration: 0.7, beyond_end: hold}}
 gait: {phases: auto}
 """
+TWO_CONSTRAINTS = """
+name: two-steps
+walker: {model: compass_biped, leg_length: 1.6, leg_mass: 4, leg_com: 0.8, hip_mass: 2, gravity: 9.8, slope: 1 deg}
+friction: 0.3
+control:
+  type: virtual_constraints
+  outputs: [theta2]
+  phase: theta1
+  span: [-0.15, 0.15]
+  reference: {bezier: {theta2: [0, 0.1]}}
+  other_reference: {bezier: {theta2: [0, 0.2]}}
+  gains: {kp: 36, kd: 12}
+gait: {phases: auto}
+"""
 
 
-def test_a_second_reference_needs_two_steps_and_differs_in_its_control_points_only():
-    opened = go.parse_problem(TWO_STEPS)
+@pytest.mark.parametrize("problem", [TWO_STEPS, TWO_CONSTRAINTS])
+def test_a_second_reference_needs_two_steps_and_differs_in_its_control_points_only(problem):
+    opened = go.parse_problem(problem)
     assert opened.modes.steps == 2
     key = "control.other_reference.theta2.1"
     changed = opened.replace({key: 0.25})
@@ -259,7 +278,59 @@ def test_a_second_reference_needs_two_steps_and_differs_in_its_control_points_on
     with pytest.raises(ProblemError, match="other_reference: applies in every second step"):
         opened.replace({"gait": {"phases": ["stick"], "impact": "stick", "guess": {"state": {"theta1": -0.2}}}})
     with pytest.raises(ProblemError, match="other_reference: differs from the reference in more than its control po"):
+        go.parse_problem(problem.replace("[0, 0.2]", "[0, 0.1, 0.2]"))
+    with pytest.raises(ProblemError, match="other_reference"):
+        go.parse_problem(problem.replace("{theta2: [0, 0.2]}", "{theta1: [0, 0.2]}"))
+
+
+def test_two_references_over_time_have_one_duration():
+    with pytest.raises(ProblemError, match="other_reference: differs from the reference in more than its control po"):
         go.parse_problem(TWO_STEPS.replace("0.2]}, duration: 0.7", "0.2]}, duration: 0.8"))
+
+
+def test_curves_over_another_span_are_the_same_polynomials():
+    points = np.random.default_rng(0).uniform(-1, 1, (2, 7))
+    fit = FittedCurves(points=points, deviation=0.0, violation=0.0)
+    other = fit.over((-0.2, 0.3), (-0.25, 0.28))
+    assert fit.over((-0.2, 0.3), (-0.2, 0.3)) is fit
+    x = np.linspace(-0.3, 0.3, 9)
+    values = [bernstein_matrix(6, (x - a) / (b - a)) @ each.points.T
+              for each, (a, b) in ((fit, (-0.2, 0.3)), (other, (-0.25, 0.28)))]  # fmt: skip
+    np.testing.assert_allclose(values[1], values[0], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_virtual_constraints_repeat_two_steps_that_differ():
+    """Each step has a curve of its own, and every impact leads from one curve to the other."""
+    torque = {"type": "constant_torque", "ankle": 0.0, "hip": 0.3}
+    given = go.solve(go.load_problem("compass-unequal").replace({"control": torque}), progress=False)
+    made = go.stabilise(given, law="virtual_constraints", progress=False)
+    assert made.objections == ()
+    assert made.invariance < 1e-11
+    (start, end), degree = made.problem.control.span, made.fitted.degree
+    curves = [
+        [made.problem.parameters[f"control.{which}.hip.{k}"] for k in range(degree + 1)]
+        for which in ("reference", "other_reference")
+    ]
+    assert np.abs(np.subtract(*curves)).max() > 0.01
+    for number, step in enumerate(go.simulate(made.gait, steps=8).trajectory.steps):
+        theta1, theta2 = np.concatenate([arc.states[:, :2] for arc in step.arcs]).T
+        followed = bernstein_matrix(degree, (theta1 - start) / (end - start)) @ curves[number % 2]
+        np.testing.assert_allclose(theta1 + theta2, followed, atol=1e-8)
+    assert made.gait.spectral_radius < 1
+    # a design keeps both curves invariant
+    free = {"control.reference": curves[0], "control.other_reference": curves[1]}
+    points = {key: [{"free": [c - 1, c + 1], "guess": c} for c in row] for key, row in free.items()}
+    changes = {key: {"bezier": {"hip": row}, "invariant": True} for key, row in points.items()}
+    design = made.problem.replace({**changes, "objective": "torque_squared"})
+    start = guessed_motion(design.from_guess(), problem_dynamics(design)).on_mesh()
+    equations = start.equations
+    rows = ca.Function("rows", [equations.w, equations.parameters], [invariance(equations)])
+    assert [label.step for label in invariance_labels(equations)] == [0, 0, 1, 1]
+    assert np.abs(np.asarray(rows(start.w, start.p))).max() < 1e-6
+    spoiled = start.p.copy()
+    spoiled[equations.system.parameters.index("control.other_reference.hip.0")] += 0.1
+    assert (np.abs(np.asarray(rows(start.w, spoiled))).ravel() > 1e-3).tolist() == [False, False, True, True]
 
 
 @pytest.mark.slow
