@@ -119,7 +119,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         if self.step_feedback is not None:
             faults = self.step_feedback.faults(self.parameters)
             yield from ((("step_feedback", *path), message) for path, message in faults)
-            if {*self.unknowns(walker)} - {*self.step_feedback.unknowns}:
+            if {*self.unknowns(walker)} - {*self.step_feedback.free}:
                 yield ("step_feedback",), "corrects a law whose numbers are known, but some are unknowns of a design"
 
     @classmethod
@@ -188,7 +188,8 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         """Bounds of the parameters that a design determines rather than the problem file."""
         references = self.targets.items()
         spans = {f"{name}.{key}": span for name, each in references for key, span in each.unknowns(walker).items()}
-        return spans | ({} if self.step_feedback is None else self.step_feedback.unknowns)
+        gains = {} if self.step_feedback is None else self.step_feedback.free
+        return spans | {key: free.bounds for key, free in gains.items()}
 
     def guesses(self, values: Mapping[str, float], walker: WalkerType) -> dict[str, object]:
         """Dotted keys and values of a problem whose guess of the law's unknowns are the known parameters ``values``."""
@@ -198,9 +199,9 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
             known = {key.removeprefix(above): value for key, value in values.items() if key.startswith(above)}
             changes |= {f"{above}{key}": value for key, value in reference.guesses(known, walker).items()}
         if self.step_feedback is not None:
-            for key, span in self.step_feedback.unknowns.items():
+            for key, free in self.step_feedback.free.items():
                 if (full := f"control.{key}") in values:
-                    changes[full] = {"free": list(span), "guess": float(np.clip(values[full], *span))}
+                    changes[full] = free.near(values[full]).record
         return changes
 
     limits: Annotated[

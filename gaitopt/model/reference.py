@@ -28,9 +28,11 @@ from pydantic import (
     WrapValidator,
 )
 
+from gaitopt.arrays import Array
+from gaitopt.display import counted
 from gaitopt.model.curve import BeyondEnd, Curve, bernstein_matrix, bezier_curve, keys
 from gaitopt.model.table import LARGEST_POINT, Table, table_curve
-from gaitopt.model.units import DURATION, SMALLEST_SIZE, Angle, Duration, Within, parse_angle, unknown_faults
+from gaitopt.model.units import DURATION, SMALLEST_SIZE, Angle, Duration, Free, Within, number_or_free, parse_angle
 from gaitopt.model.walker import WalkerType
 from gaitopt.threads import cached_method
 
@@ -56,50 +58,38 @@ PointValue = Annotated[
 """A control point of a curve [rad, or m]; texts such as ``1 deg`` are converted."""
 
 
-class FreePoint(BaseModel):
-    """A control point that is an unknown."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    free: Annotated[tuple[PointValue, PointValue], Field(description="bounds [lo, hi]")]
-    guess: Annotated[PointValue, Field(description="first guess, within the bounds")]
-
-
-def _read_point(value: Any, handler: ValidatorFunctionWrapHandler) -> "float | FreePoint":
-    """A control point: an unknown if it is a mapping, otherwise a number."""
-    if isinstance(value, Mapping):
-        bounds = value.get("free")
-        if {*value} != {"free", "guess"} or not isinstance(bounds, list | tuple) or len(bounds) != 2:
-            raise ValueError("an unknown is {free: [lo, hi], guess: value}")
-    return (_FREE_POINT if isinstance(value, Mapping | FreePoint) else _ANGLE).validate_python(value)
-
-
-_ANGLE, _FREE_POINT = TypeAdapter[float](PointValue), TypeAdapter(FreePoint)
-Point = Annotated[PointValue | FreePoint, WrapValidator(_read_point)]
-
-
-def _value(point: float | FreePoint) -> float:
-    """A number, or the guess of an unknown."""
-    return point.guess if isinstance(point, FreePoint) else point
-
-
-Points = Mapping[str, Sequence[float | FreePoint]]
+Point = Annotated[
+    PointValue | Free[PointValue],
+    number_or_free(TypeAdapter[float](PointValue), TypeAdapter(Free[PointValue])),
+]
+"""A control point: a number or an unknown."""
+Points = Mapping[str, Sequence[float | Free[float]]]
 """Control points by joint."""
 
 
-def _by_key(points: Points) -> dict[str, float | FreePoint]:
+def _value(point: float | Free[float]) -> float:
+    """A number, or the guess of an unknown."""
+    return point.guess if isinstance(point, Free) else point
+
+
+def _by_key(points: Points) -> dict[str, float | Free[float]]:
     """Control points by the keys of their parameters."""
     return {key: point for name, row in points.items() for key, point in zip(keys(name, row), row, strict=True)}
 
 
+def _free(points: Points) -> dict[str, Free[float]]:
+    """Those control points that are unknowns, by key."""
+    return {key: point for key, point in _by_key(points).items() if isinstance(point, Free)}
+
+
 def _free_bounds(points: Points) -> dict[str, tuple[float, float]]:
     """Bounds of those control points that are unknowns, by key."""
-    return {key: point.free for key, point in _by_key(points).items() if isinstance(point, FreePoint)}
+    return {key: point.bounds for key, point in _free(points).items()}
 
 
-def _extremes(point: float | FreePoint) -> tuple[float, ...]:
+def _extremes(point: float | Free[float]) -> tuple[float, ...]:
     """A number, or the bounds of an unknown."""
-    return point.free if isinstance(point, FreePoint) else (point,)
+    return point.free if isinstance(point, Free) else (point,)
 
 
 def _largest_angle(name: str, walker: WalkerType) -> float:
@@ -107,17 +97,6 @@ def _largest_angle(name: str, walker: WalkerType) -> float:
     if name in {*walker.shape} - {*walker.lengths}:
         return walker.largest_angle
     return 2 * walker.largest_angle if name in walker.actuators and not walker.lengths else inf
-
-
-def _point_faults(point: float | FreePoint, *path: str | int) -> Iterator[Fault]:
-    """Bounds and guess of an unknown control point with this path that contradict each other."""
-    if isinstance(point, FreePoint):
-        yield from (((*path, key), words) for key, words in unknown_faults(*point.free, point.guess))
-
-
-def _angle_limit(walker: WalkerType) -> str:
-    """The sentence about the largest angles of a walker."""
-    return f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
 
 
 CLOCK = "clock"
@@ -141,7 +120,6 @@ Invariant = Annotated[
         "their rates are zero just after it; a design finds control points with which this holds"
     ),
 ]
-NOT_INVARIANT = "applies to virtual_constraints; under PD control joints leave their curves: leave it out"
 OF_END = (
     "motion after the end of a reference in time: {}its last rate continues (linear), its last angle is held (hold), "
     "or the motors are off (off)"
@@ -222,11 +200,10 @@ class Reference(BaseModel):
 
     def guesses(self, values: Mapping[str, float], walker: WalkerType) -> Mapping[str, object]:
         """Keys and values by which known values become the guesses, within their bounds; empty if none is known."""
-        points, free = _by_key(self.points), _free_bounds(self.points)
+        points, free = _by_key(self.points), _free(self.points)
         if not {*free} & {*values}:
             return {}
-        guesses = {key: float(np.clip(values.get(key, _value(points[key])), *span)) for key, span in free.items()}
-        known = points | {key: {"free": [*free[key]], "guess": guess} for key, guess in guesses.items()}
+        known = points | {key: point.near(values.get(key, point.guess)).record for key, point in free.items()}
         rows = {name: [known[key] for key in keys(name, row)] for name, row in self.points.items()}
         return {self.kind: {name: row if len(row) > 1 else row[0] for name, row in rows.items()}}
 
@@ -250,9 +227,100 @@ class Reference(BaseModel):
         """Whether the argument of the curve is a phase variable."""
         return self._over_law or bool(self.phase_variable)
 
+    @property
+    def is_invariant(self) -> bool:
+        """Whether a design keeps the curves invariant under the impact."""
+        return bool(getattr(self._section[1], "invariant", None))
+
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
+        """Mistakes in the reference for a walker: keys with a message for each."""
+        yield from self._angle_faults(walker)
+        yield from self._argument_faults()
+        if not self._over_law:
+            yield from self._joint_faults(walker)
+        yield from self._kind_faults()
+
+    def _angle_faults(self, walker: WalkerType) -> Iterator[Fault]:
+        """Bounds of an unknown that contradict its guess, and angles that the walker never reaches."""
+        limit = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
+        for name, angles in self._angles.items():
+            largest, beyond = _largest_angle(name, walker), list[Fault]()
+            for path, point in self._points_of(name):
+                if isinstance(point, Free):
+                    yield from (((*path, *keys), words) for keys, words in point.faults())
+                bound, words = largest, limit
+                if not isinstance(self, ConstantReference):
+                    bound = OVERSHOOT * largest
+                    words = f"control points are at most {bound:g} in size, because {limit}"
+                sizes = [value for value in _extremes(point) if abs(value) > bound]
+                beyond += [(path, f"{value:g} is impossible: {words}") for value in sizes]
+            size = float(np.abs(angles).max())
+            if not beyond and size > largest:
+                beyond = [self._fault_of(name, f"reaches {size:g} rad, which is impossible: {limit}")]
+            yield from beyond[:1]
+
+    def _argument_faults(self) -> Iterator[Fault]:
+        """Keys that are missing although the argument of the curves needs them, or that belong to another argument."""
+        known, (above, section) = type(self).model_fields, self._section
+        duration = getattr(section, "duration", None)
+        if self.over_phase and duration is not None:
+            yield (*above, "duration"), "does not apply: curves of a phase variable have a span: [START, END]"
+        if self.over_phase and "degree" in known and vars(self)["degree"] is None:
+            words = "curves of a phase variable are polynomials: give degree: 6, or another number"
+            yield ("degree",), f"is missing: {words}"
+        if self._over_law or "phase" not in known:
+            return
+        span, beyond_end = (getattr(self, name, None) for name in ("span", "beyond_end"))
+        if self.is_invariant:
+            words = "applies to virtual_constraints; under PD control joints leave their curves: leave it out"
+            yield (*above, "invariant"), words
+        if not self.over_phase:
+            if beyond_end is None:
+                kinds = "flow, linear, hold or off" if isinstance(self, GaitReference) else "linear, hold or off"
+                yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
+            if self._needs_ends and duration is None:
+                words = "those of a phase variable need phase: NAME and span: [START, END]"
+                yield (*above, "duration"), f"is missing: curves of time need their duration: SECONDS; {words}"
+            if span is not None:
+                yield ("span",), "does not apply to curves of time: leave it out, or give phase: NAME"
+            return
+        if self._needs_ends and span is None:
+            yield ("span",), "is missing: curves of a phase variable need span: [START, END]"
+        elif span is not None and span[0] == span[1]:
+            yield ("span",), f"is empty: both ends are {span[0]:g}; give the phase after and before the impact"
+        if beyond_end is not None:
+            words = "curves of a phase variable continue as polynomials: leave it out"
+            yield ("beyond_end",), f"applies only to curves of time; {words}"
+
+    def _joint_faults(self, walker: WalkerType) -> Iterator[Fault]:
+        """Joints that cannot follow the curves, and an unknown phase variable."""
+        phase, angles = self.phase_variable, (*walker.shape, *walker.phases)
+        for joint in self.names:
+            if joint == phase:
+                yield self._fault_of(joint, "is the phase variable and cannot follow a curve that depends on it")
+            elif joint not in walker.tracked:
+                words = f"the tracked joints are {', '.join(walker.tracked)}" if walker.tracked else "it tracks none"
+                yield self._fault_of(joint, f"is not a tracked joint of {walker.model}; {words}")
+        if phase and phase not in angles:
+            words = f"it has {', '.join(angles)}; clock is the time since the impact"
+            yield ("phase",), f"{walker.model} has no phase variable {phase!r}; {words}"
+        elif phase in walker.tracked and not self.names:
+            words = f"name the joints that can, joints: {{JOINT: {phase}}}"
+            yield ("phase",), f"{phase} cannot follow a curve that depends on it: {words}"
+
     # properties that the kinds of references override
 
     kind: ClassVar[str] = ""
+
+    @property
+    def _section(self) -> tuple[Path, object]:
+        """The section that has the keys ``duration`` and ``invariant``, and its path."""
+        return (), self
+
+    @property
+    def _needs_ends(self) -> bool:
+        """Whether the file must state the span or the duration of the curves."""
+        return False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -265,17 +333,27 @@ class Reference(BaseModel):
         return {}
 
     @property
-    def is_invariant(self) -> bool:
-        """Whether a design keeps the curves invariant under the impact."""
-        return bool(vars(self).get("invariant"))
-
-    @property
     def source(self) -> tuple[str, Path]:
         """Name or path of the problem whose gait is needed, and the key that states it; empty if there is none."""
         return "", ()
 
-    def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Mistakes in the reference for a walker: keys with a message for each."""
+    @property
+    def _angles(self) -> Mapping[str, Array]:
+        """Angles on the stated curves, or an unknown's guess of them, by joint."""
+        s = np.linspace(0, 1, CURVE_POINTS)
+        rows = {name: [*map(_value, row)] for name, row in self.points.items() if row}
+        return {name: bernstein_matrix(len(row) - 1, s) @ row for name, row in rows.items()}
+
+    def _points_of(self, name: str) -> Sequence[tuple[Path, float | Free[float]]]:
+        """Paths and values of the control points of a joint."""
+        return [((self.kind, name, k), point) for k, point in enumerate(self.points.get(name, ()))]
+
+    def _fault_of(self, joint: str, words: str) -> Fault:
+        """A fault of what the reference states about a joint."""
+        return (self.kind, joint), words
+
+    def _kind_faults(self) -> Iterator[Fault]:
+        """Mistakes that only this kind of reference can have."""
         yield from ()
 
     def _curve(self, phase: str, span: tuple[float, float], beyond_end: BeyondEnd | None) -> Curve:
@@ -283,44 +361,6 @@ class Reference(BaseModel):
             raise ValueError(f"the motion follows from {self.source[0]}, which is not known")
         points = {name: tuple(map(_value, row)) for name, row in self.points.items()}
         return bezier_curve(points, span, phase=phase, beyond_end=beyond_end, bounds=_free_bounds(self.points))
-
-    def _argument_faults(self, walker: WalkerType, joints: Sequence[str], key: str) -> Iterator[Fault]:
-        """Joints below ``key`` that the walker does not track, an unknown phase, and keys that suit another argument.
-
-        It is for references that state their argument.
-        """
-        phase, angles = self.phase_variable, (*walker.shape, *walker.phases)
-        span, beyond_end = (getattr(self, name, None) for name in ("span", "beyond_end"))
-        has_source = isinstance(self, GaitReference | CurveReference)
-        for joint in joints:
-            if joint == phase and not has_source:
-                yield (key, joint), f"{joint} is the phase variable and cannot follow a curve that depends on it"
-            elif joint not in walker.tracked:
-                yield (key, joint), untracked(walker)
-        if not phase:
-            if beyond_end is None:
-                kinds = "flow, linear, hold or off" if isinstance(self, GaitReference) else "linear, hold or off"
-                yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
-            if span is not None and has_source:
-                yield ("span",), "does not apply to curves of time: leave it out, or give phase: NAME"
-            return
-        if phase not in angles:
-            words = f"it has {', '.join(angles)}; clock is the time since the impact"
-            yield ("phase",), f"{walker.model} has no phase variable {phase!r}; {words}"
-        elif has_source and phase in self.followers(walker):
-            words = f"name the joints that can, joints: {{JOINT: {phase}}}"
-            yield ("phase",), f"{phase} cannot follow a curve that depends on it: {words}"
-        if span is not None and span[0] == span[1]:
-            yield ("span",), f"is empty: both ends are {span[0]:g}; give the phase after and before the impact"
-        if beyond_end is not None:
-            words = "curves of a phase variable continue as polynomials: leave it out"
-            yield ("beyond_end",), f"applies only to curves of time; {words}"
-
-
-def untracked(walker: WalkerType) -> str:
-    """Why a joint cannot follow a reference."""
-    words = f"the tracked joints are {', '.join(walker.tracked)}" if walker.tracked else "it tracks none"
-    return f"is not a tracked joint of {walker.model}; {words}"
 
 
 class ConstantReference(Reference):
@@ -341,18 +381,8 @@ class ConstantReference(Reference):
         """One control point per joint."""
         return {name: (point,) for name, point in self.constant.items()}
 
-    def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Bounds that contradict a guess, joints that the walker does not track, and angles that it never reaches."""
-        for joint, point in self.constant.items():
-            yield from _point_faults(point, "constant", joint)
-            if self._over_law:
-                continue
-            if joint not in walker.tracked:
-                yield ("constant", joint), untracked(walker)
-                continue
-            for value in _extremes(point):
-                if joint in {*walker.shape} - {*walker.lengths} and abs(value) > walker.largest_angle:
-                    yield ("constant", joint), f"{value:g} is impossible: {_angle_limit(walker)}"
+    def _points_of(self, name: str) -> Sequence[tuple[Path, float | Free[float]]]:
+        return [((self.kind, name), self.constant[name])]
 
 
 class BezierReference(Reference):
@@ -378,47 +408,20 @@ class BezierReference(Reference):
         """The control points."""
         return self.bezier
 
-    def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Curves that no walker follows, bounds that contradict a guess, and keys that do not suit the argument."""
-        for name, points in self.bezier.items():
-            yield from self._point_faults(name, points, walker)
-        if self._over_law:
-            if self.invariant and len(_free_bounds(self.bezier)) < 2 * len(self.bezier):
-                words = "needs two free control points or more of each joint"
-                yield ("invariant",), f"{words}: outputs and rates after the impact vanish"
-            return
-        if self.invariant:
-            yield ("invariant",), NOT_INVARIANT
-        yield from self._argument_faults(walker, tuple(self.bezier), "bezier")
+    @property
+    def _needs_ends(self) -> bool:
+        return True
+
+    def _kind_faults(self) -> Iterator[Fault]:
+        """No curve or too few control points."""
         if not self.bezier:
             yield ("bezier",), "has no curve: give the control points of a joint, {JOINT: [0, 0.1, 0.2]}"
-        if self.phase_variable:
-            needed, other, words = "span", "duration", "curves of a phase variable need span: [START, END]"
-        else:
-            needed, other, words = "duration", "span", "curves of time need their duration: SECONDS"
-            words += "; those of a phase variable need phase: NAME and span: [START, END]"
-        if getattr(self, needed) is None:
-            yield (needed,), f"is missing: {words}"
-        if getattr(self, other) is not None:
-            yield (other,), f"does not apply: {words}"
-
-    def _point_faults(self, name: str, points: Sequence[float | FreePoint], walker: WalkerType) -> Iterator[Fault]:
-        """Fewer than two points, angles that the walker never reaches, and bounds that contradict a guess."""
-        largest, words = _largest_angle(name, walker), _angle_limit(walker)
-        if len(points) < 2:
-            yield ("bezier", name), f"has {len(points)} control points, must have at least 2"
-            return
-        for k, point in enumerate(points):
-            yield from _point_faults(point, "bezier", name, k)
-            beyond = [value for value in _extremes(point) if abs(value) > OVERSHOOT * largest]
-            if beyond:
-                limit = f"control points are at most {OVERSHOOT * largest:g} in size"
-                yield ("bezier", name, k), f"{beyond[0]:g} is impossible: {limit}, because {words}"
-                return
-        curve = bernstein_matrix(len(points) - 1, np.linspace(0, 1, CURVE_POINTS)) @ [*map(_value, points)]
-        size = float(np.abs(curve).max())
-        if size > largest:
-            yield ("bezier", name), f"reaches {size:g} rad, which is impossible: {words}"
+        for name, row in self.bezier.items():
+            if len(row) < 2:
+                yield ("bezier", name), f"has {counted(len(row), 'control point')}, must have at least 2"
+        if self._over_law and self.invariant and len(_free_bounds(self.bezier)) < 2 * len(self.bezier):
+            words = "needs two free control points or more of each joint"
+            yield ("invariant",), f"{words}: outputs and rates after the impact vanish"
 
 
 class TableReference(Reference):
@@ -449,37 +452,29 @@ class TableReference(Reference):
         """The angles that have a column."""
         return tuple(self.table.columns)[1:]
 
-    def faults(self, walker: WalkerType) -> Iterator[Fault]:
+    @property
+    def _angles(self) -> Mapping[str, Array]:
+        """The columns of the joints."""
+        return {name: self.table.columns[name] for name in self.names}
+
+    def _fault_of(self, joint: str, words: str) -> Fault:
+        return ("table",), f"{self.table.file}: {joint} {words}"
+
+    def _kind_faults(self) -> Iterator[Fault]:
         """A first column that does not suit the argument, and a degree that does not suit the rows."""
-        (first, argument), *angles = self.table.columns.items()
-        if not self._over_law:
-            yield from (
-                (path[:1], f"{path[1]} {words}" if path[0] == "table" else words)
-                for path, words in self._argument_faults(walker, [name for name, _ in angles], "table")
-            )
-            expected = self.phase_variable or "t"
-            if first != expected:
-                words = f"its first column is {first}, but must be {expected}"
-                yield ("table",), f"{self.table.file}: {words}, the argument of the curves"
-            elif not self.phase_variable and (argument[0] != 0 or argument[-1] < 0):
-                words = f"t starts at {argument[0]:g} and ends at {argument[-1]:g}"
-                yield ("table",), f"{self.table.file}: {words}, but must rise from 0, the time of the impact"
-        if self.degree is None and self.over_phase:
-            words = "a spline of a phase variable would have kinks at states: give degree: 6, or another number"
-            yield ("degree",), f"is missing: {words}"
-        elif self.degree is None and len(argument) > MOST_KNOTS:
-            words = f"a spline through {len(argument)} rows divides the motion at every row; use at most {MOST_KNOTS}"
+        first, argument = next(iter(self.table.columns.items()))
+        rows, expected = len(argument), self.phase_variable or "t"
+        if not self._over_law and first != expected:
+            words = f"its first column is {first}, but must be {expected}, the argument of the curves"
+            yield ("table",), f"{self.table.file}: {words}"
+        elif not self.over_phase and (argument[0] != 0 or argument[-1] < 0):
+            words = f"t starts at {argument[0]:g} and ends at {argument[-1]:g}"
+            yield ("table",), f"{self.table.file}: {words}, but must rise from 0, the time of the impact"
+        if self.degree is None and not self.over_phase and rows > MOST_KNOTS:
+            words = f"a spline through {rows} rows divides the motion at every row; use at most {MOST_KNOTS}"
             yield ("degree",), f"is missing: {words}; give degree: 8, or another number, for polynomials"
-        elif self.degree is not None and self.degree >= len(argument):
-            words = f"{len(argument)} rows determine at most {len(argument) - 1}"
-            yield ("degree",), f"{self.degree} is too large: {words}"
-        if self._over_law:
-            return
-        for name, column in angles:
-            largest = float(np.abs(column).max())
-            if name in {*walker.tracked} & {*walker.shape} - {*walker.lengths} and largest > walker.largest_angle:
-                words = f"{name} reaches {largest:g}, which is impossible: {_angle_limit(walker)}"
-                yield ("table",), f"{self.table.file}: {words}"
+        elif self.degree is not None and self.degree >= rows:
+            yield ("degree",), f"{self.degree} is too large: {rows} rows determine at most {rows - 1}"
 
     def _curve(self, phase: str, span: tuple[float, float], beyond_end: BeyondEnd | None) -> Curve:
         return table_curve(self.table, self.degree, phase, beyond_end)
@@ -518,13 +513,12 @@ class GaitReference(Reference):
         """The tracked gait."""
         return (self.gait, ("gait",)) if self._known is None else ("", ())
 
-    def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Joints that the walker does not track, and keys that do not suit the argument."""
-        if not self._over_law:
-            yield from self._argument_faults(walker, self.names, "joints")
-        if self.over_phase and self.degree is None:
-            yield ("degree",), "is missing: curves of a phase variable are polynomials, for example degree: 8"
-        elif not self.over_phase and self.degree is not None:
+    def _fault_of(self, joint: str, words: str) -> Fault:
+        return ("joints", joint), words
+
+    def _kind_faults(self) -> Iterator[Fault]:
+        """A degree without a phase variable."""
+        if not self.over_phase and self.degree is not None:
             yield ("degree",), "does not apply: without a phase variable the motion of the gait itself is followed"
 
 
@@ -585,9 +579,12 @@ class CurveReference(Reference):
         return tuple(self.joints or (self.curve.points if by_points else None) or ())
 
     @property
-    def is_invariant(self) -> bool:
-        """Whether ``curve.invariant`` asks a design to keep the curves invariant under the impact."""
-        return bool(self.curve.invariant)
+    def _section(self) -> tuple[Path, object]:
+        return ("curve",), self.curve
+
+    @property
+    def _needs_ends(self) -> bool:
+        return self.curve.start is None and bool(self.curve.points)
 
     @property
     def source(self) -> tuple[str, Path]:
@@ -610,28 +607,24 @@ class CurveReference(Reference):
         rows = {name: [values[key] for key in keys(name, row)] for name, row in zeros.items()}
         return {"curve.points": {name: np.clip(row, -bound, bound).tolist() for name, row in rows.items()}}
 
-    def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Points that do not suit the degree, the bound or the joints, and keys that do not suit the argument."""
-        points, start = self.curve.points, self.curve.start
-        if self.over_phase and self.curve.duration is not None:
-            yield ("curve", "duration"), "does not apply: curves of a phase variable have a span: [START, END]"
-        if not self._over_law:
-            yield from self._argument_faults(walker, tuple(self.joints or ()), "joints")
-            if self.curve.invariant:
-                yield ("curve", "invariant"), NOT_INVARIANT
-            joints, words = self.followers(walker), "curves without curve.start need it"
-            if start is None and points and self.phase_variable and self.span is None:
-                yield ("span",), f"is missing: {words}, the phase at the start and the end"
-            elif start is None and points and not self.phase_variable and self.curve.duration is None:
-                yield ("curve", "duration"), f"is missing: {words} [s]"
-            if points is not None and {*points} != {*joints}:
-                given, which = ", ".join(points) or "no joint", "the joints" if self.joints else "the tracked joints"
-                yield ("curve", "points"), f"are given for {given}; {which} are {', '.join(joints)}"
-                return
+    def _fault_of(self, joint: str, words: str) -> Fault:
+        return ("joints", joint) if self.joints else ("curve", "points", joint), words
+
+    def _joint_faults(self, walker: WalkerType) -> Iterator[Fault]:
+        """Joints that cannot follow the curves, and points of others than those that do."""
+        yield from super()._joint_faults(walker)
+        points, joints = self.curve.points, self.followers(walker)
+        if points is not None and {*points} != {*joints}:
+            given, which = ", ".join(points) or "no joint", "the joints" if self.joints else "the tracked joints"
+            yield ("curve", "points"), f"are given for {given}; {which} are {', '.join(joints)}"
+
+    def _kind_faults(self) -> Iterator[Fault]:
+        """Points that do not suit the degree or the bound, and keys that suit another first guess."""
+        points, start, needed = self.curve.points, self.curve.start, self.curve.degree + 1
         for name, values in (points or {}).items():
-            if len(values) != self.curve.degree + 1:
-                number = f"a curve of degree {self.curve.degree} has {self.curve.degree + 1}"
-                yield ("curve", "points", name), f"{len(values)} control points, but {number}"
+            if len(values) != needed:
+                words = f"a curve of degree {self.curve.degree} has {needed}"
+                yield ("curve", "points", name), f"has {counted(len(values), 'control point')}, but {words}"
             for k, value in enumerate(values):
                 if abs(value) > self.curve.within:
                     yield ("curve", "points", name, k), f"{value:g} is outside of within = {self.curve.within:g}"
@@ -667,7 +660,7 @@ class CurveReference(Reference):
     def _unknown(self, points: Mapping[str, tuple[float, ...]]) -> Points:
         """Control points as unknowns within their bound, by joint."""
         span = (-self.curve.within, self.curve.within)
-        return {name: tuple(FreePoint(free=span, guess=value) for value in row) for name, row in points.items()}
+        return {name: tuple(Free[float](free=span, guess=value) for value in row) for name, row in points.items()}
 
 
 # reading

@@ -17,13 +17,38 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from casadi import MX, SX, fmax, fmin
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, WithJsonSchema, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    PrivateAttr,
+    TypeAdapter,
+    ValidatorFunctionWrapHandler,
+    WithJsonSchema,
+    WrapValidator,
+    model_validator,
+)
 
 from gaitopt.arrays import Array
+from gaitopt.model.units import Free, is_free, number_or_free
 
 LARGEST_GAIN = 1e9
 """Largest size of an entry of K that is accepted: a larger one is a mistake."""
-Gain = Annotated[float, Field(ge=-LARGEST_GAIN, le=LARGEST_GAIN, allow_inf_nan=False)]
+
+
+def _unchanged(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    handler(value)
+    return value
+
+
+Gain = Annotated[
+    float,
+    Field(ge=-LARGEST_GAIN, le=LARGEST_GAIN, allow_inf_nan=False, strict=True),
+    WrapValidator(_unchanged),  # an integer stays one, because the digest of a problem depends on it
+]
+"""An entry of K."""
 Weight = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Numbers = Mapping[tuple[str, str], float]
 """Gains by key of the parameter and name of the section coordinate."""
@@ -87,47 +112,44 @@ def _nested(value: Any) -> Any:
         level, (*above, last) = nested, str(key).split(".")
         for name in above:
             level = level.setdefault(name, {})
-        entry = below if _is_free(below) else _nested(below)
+        entry = below if is_free(below) else _nested(below)
         level[last] = (
             {**level[last], **entry} if isinstance(level.get(last), dict) and isinstance(entry, dict) else entry
         )
     return nested
 
 
-def _is_free(value: Any) -> bool:
-    return isinstance(value, Mapping) and "free" in value
-
-
 def _entries(nested: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, str], Any]]:
     """Every entry of nested gains: the key of its parameter with the name of its coordinate, and its value."""
     for key, value in nested.items():
-        if isinstance(value, Mapping) and value and not _is_free(value):
+        if isinstance(value, Mapping):
             yield from _entries(value, (*path, key))
         else:
             yield (".".join(path), key), value
 
 
+def _read_gains(value: Any) -> Any:
+    """A number, an unknown, or a mapping to such values that is not empty."""
+    return (_GAINS if isinstance(value, Mapping) and value and not is_free(value) else _GAIN).validate_python(value)
+
+
+_GAIN: TypeAdapter[float | Free[float]] = TypeAdapter(
+    Annotated[Gain | Free[Gain], number_or_free(TypeAdapter(Gain), TypeAdapter(Free[Gain]))]
+)
+_GAINS = TypeAdapter(dict[str, Annotated[Any, PlainValidator(_read_gains)]])
+
+
 def _checked(nested: Any) -> Any:
-    """Check that every entry is a finite number, or an unknown with bounds and a guess."""
+    """The gains, in which every entry is a finite number or an unknown."""
     if not isinstance(nested, Mapping):
         raise ValueError("give the gains of each parameter by coordinate: {control.hip: {theta1: 0.1}}")
-    if not [*_entries(nested)]:
+    gains = _GAINS.validate_python(nested)
+    entries = [*_entries(gains)]
+    if not entries:
         raise ValueError("has no entry; give those that are not zero: {control.hip: {theta1: 0.1}}")
-    for (key, name), value in _entries(nested):
-        entry = f"{key}.{name}" if key else name
-        if not key:
-            raise ValueError(f"{entry}: give the gains of a parameter by coordinate: {{control.hip: {{theta1: 0.1}}}}")
-        numbers = (*value.get("free", ()), value.get("guess")) if _is_free(value) else (value,)
-        right = all(isinstance(n, int | float) and not isinstance(n, bool) and abs(n) <= LARGEST_GAIN for n in numbers)
-        if _is_free(value) and right:
-            right = {*value} == {"free", "guess"} and len(numbers) == 3 and numbers[0] <= numbers[2] <= numbers[1]
-            right = right and numbers[0] < numbers[1]
-        if not right:
-            raise ValueError(
-                f"{entry} is {value}, but must be a number from {-LARGEST_GAIN:g} to {LARGEST_GAIN:g}, or an unknown "
-                "such as {free: [-1, 1], guess: 0} with its guess between its bounds"
-            )
-    return nested
+    for name in (name for (key, name), _ in entries if not key):
+        raise ValueError(f"{name}: give the gains of a parameter by coordinate: {{control.hip: {{theta1: 0.1}}}}")
+    return gains
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,7 +230,7 @@ class StepFeedback(BaseModel):
     @property
     def stated(self) -> Numbers:
         """The gains stated in the file; for an unknown, its guess."""
-        return {at: float(v["guess"] if _is_free(v) else v) for at, v in _entries(self.gains or {})}
+        return {at: float(v.guess if isinstance(v, Free) else v) for at, v in _entries(self.gains or {})}
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -221,15 +243,18 @@ class StepFeedback(BaseModel):
         return rows | {f"{PREFIX}state.{n}": float(v) for n, v in zip(known.names, known.state, strict=True)}
 
     @property
-    def unknowns(self) -> dict[str, tuple[float, float]]:
-        """Bounds of the gains that a design finds, by key below ``control``."""
-        free = ((at, value["free"]) for at, value in _entries(self.gains or {}) if _is_free(value))
-        return {_gain_key(*at): (float(low), float(high)) for at, (low, high) in free}
+    def free(self) -> dict[str, Free[float]]:
+        """The gains that a design finds, by key below ``control``."""
+        stated = ((_gain_key(*at), value) for at, value in _entries(self.gains or {}) if isinstance(value, Free))
+        return {key: Free[float](free=value.free, guess=value.guess) for key, value in stated}
 
     def faults(self, parameters: Mapping[str, float]) -> Iterator[tuple[tuple[str, ...], str]]:
         """Faults of the feedback of a law with these parameters: the path of each wrong entry and a sentence."""
         if (self.gains is None) == (self.design is None):
             yield (), "give either gains: {control.hip: {theta1: 0.1}} or a design: lqr, deadbeat or minimum_radius"
+        for (key, name), value in _entries(self.gains or {}):
+            if isinstance(value, Free):
+                yield from ((("gains", *key.split("."), name, *place), words) for place, words in value.faults())
         if self.corrects is not None and self.design is None:
             yield ("corrects",), "names the parameters of a design; with gains leave it out"
         if self.corrects == ():

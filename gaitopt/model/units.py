@@ -14,9 +14,18 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, Field, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +70,7 @@ class Scales:
 
 
 Checked = TypeVar("Checked", bound=BaseModel)
+Value = TypeVar("Value")
 UNITS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
     "one": ("", lambda s: 1.0),
     "angle": (" rad", lambda s: 1.0),
@@ -158,13 +168,65 @@ class Within:
         return "; ".join(f"{prefix}{_range_text(span, symbol)}" for prefix, span in spans if span != ANY)
 
 
-def unknown_faults(lower: float, upper: float, guess: float) -> Iterator[tuple[str, str]]:
-    """Keys of an unknown, ``free`` or ``guess``, whose values contradict each other, with a message for each."""
-    words = f"[{lower:g}, {upper:g}]"
-    if not lower < upper:
-        yield "free", f"is empty: {words} needs lo < hi; for a fixed value, give a number"
-    elif not lower <= guess <= upper:
-        yield "guess", f"{guess:g} is outside of its bounds {words}"
+class Free(BaseModel, Generic[Value]):
+    """An unknown in place of a number: a design determines it within its bounds.
+
+    The type of the values is that of the number; ``Free[Any]`` has values that are not read yet.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    free: Annotated[tuple[Value, ...], Field(min_length=2, max_length=2, description="bounds [lo, hi] of the unknown")]
+    guess: Annotated[Value, Field(description="first guess, within the bounds")]
+
+    @property
+    def bounds(self) -> tuple[Value, Value]:
+        """The lower and the upper bound."""
+        return self.free[0], self.free[1]
+
+    @property
+    def lower(self) -> Value:
+        """The lower bound."""
+        return self.free[0]
+
+    @property
+    def upper(self) -> Value:
+        """The upper bound."""
+        return self.free[1]
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The unknown as data of a problem file."""
+        return {"free": [*self.free], "guess": self.guess}
+
+    def near(self: "Free[float]", value: float) -> "Free[float]":
+        """The same unknown, whose guess is the value within the bounds that is closest to ``value``."""
+        return self.model_copy(update={"guess": float(min(max(value, self.lower), self.upper))})
+
+    def faults(self: "Free[float]") -> Iterator[tuple[tuple[str, ...], str]]:
+        """Keys whose values contradict each other, with a message for each."""
+        words = f"[{self.lower:g}, {self.upper:g}]"
+        if not self.lower < self.upper:
+            yield ("free",), f"is empty: {words} needs lo < hi; for a fixed value, give a number"
+        elif not self.lower <= self.guess <= self.upper:
+            yield ("guess",), f"{self.guess:g} is outside of its bounds {words}"
+
+
+def is_free(value: object) -> bool:
+    """Whether data of a problem file state an unknown."""
+    return isinstance(value, Mapping) and "free" in value
+
+
+def number_or_free(number: TypeAdapter[float], free: TypeAdapter[Free[float]]) -> WrapValidator:
+    """A validator that reads a mapping with the key ``free`` as an unknown, and any other value as a number.
+
+    The errors of a union of both types would be about both.
+    """
+
+    def read(value: Any, handler: ValidatorFunctionWrapHandler) -> float | Free[float]:
+        return (free if is_free(value) or isinstance(value, Free) else number).validate_python(value)
+
+    return WrapValidator(read)
 
 
 def words_and_unit(description: str) -> tuple[str, str]:

@@ -13,6 +13,7 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import joint_limits
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.section import TOUCHDOWN
+from gaitopt.model.units import Free
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, SectionReader, near_miss, read_value, shown
 from gaitopt.problem.scalars import ANGLE, CLEARANCE, DESIGN_SCALARS, MOTORS, PUSH, SCALARS
@@ -28,7 +29,7 @@ from gaitopt.problem.schema import (
     Aggregate,
     is_angle,
 )
-from gaitopt.problem.statement import Free, OpenSequence, Over, Range
+from gaitopt.problem.statement import OpenSequence, Over, Range
 
 
 class DesignReader(SectionReader):
@@ -51,7 +52,7 @@ class DesignReader(SectionReader):
         control: Control | None,
         modes: Cycle | OpenSequence | None,
         cycle_end: str,
-        free: Mapping[str, Free],
+        free: Mapping[str, Free[float]],
     ) -> None:
         super().__init__(data, faults)
         self._model, self._control, self._modes = model, control, modes
@@ -78,7 +79,7 @@ class DesignReader(SectionReader):
         names = (*DESIGN_SCALARS, *(f"state.{state}" for state in model.state_names()), *durations, *self._free)
         along = name == CLEARANCE or name.startswith(ANGLE)
         if self._control is not None and self._control.step_feedback is not None:
-            names += tuple(f"control.{key}" for key in self._control.step_feedback.unknowns)
+            names += tuple(f"control.{key}" for key in self._control.step_feedback.free)
         if self._open_loop is not None:
             if name == "foot_clearance":
                 return "is the largest height of the swing foot; with open-loop torques state clearance: {min: height}"

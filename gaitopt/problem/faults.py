@@ -20,7 +20,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from gaitopt.errors import ProblemError, printable
-from gaitopt.model.units import LARGEST_SIZE, SMALLEST_SIZE
+from gaitopt.model.units import LARGEST_SIZE, SMALLEST_SIZE, Free, is_free
 from gaitopt.requests import LONGEST_SHOWN
 
 HINTS: Mapping[str, str] = {
@@ -149,7 +149,7 @@ def read_section(model: type[Model], data: object, path: Key, faults: list[Fault
     try:
         section = model.model_validate(dict(data))
     except ValidationError as error:
-        found = [Fault((*path, *item["loc"]), _message(item, model)) for item in error.errors()]
+        found = [Fault((*path, *item["loc"]), _message(item, model, data)) for item in error.errors()]
         known = {fault.path for fault in found}
         faults += [*found, *(fault for fault in converted if fault.path not in known)]
         return None
@@ -163,7 +163,7 @@ def read_value(form: TypeAdapter[Value], value: object, path: Key, faults: list[
         return form.validate_python(value)
     except ValidationError as error:
         (model,) = nested_models(form._type) or (BaseModel,)
-        faults += [Fault((*path, *item["loc"]), _message(item, model)) for item in error.errors()]
+        faults += [Fault((*path, *item["loc"]), _message(item, model, value)) for item in error.errors()]
         return None
 
 
@@ -256,12 +256,12 @@ def nearest_keys(key: str, known: Sequence[str]) -> str:
     return f"; did you mean {' or '.join(near)}?" if near else f"; use {', '.join(known)}"
 
 
-def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
-    """The message for an error that pydantic reports, in the terms of the problem file."""
+def _message(item: ErrorDetails, model: type[BaseModel], data: object) -> str:
+    """The message for an error that pydantic reports about ``data``, in the terms of the problem file."""
     kind, value, limits = item["type"], item.get("input"), item.get("ctx", {})
     if kind == "refused":  # the schema states the whole message
         return item["msg"]
-    model, field = _innermost(model, item["loc"])
+    model, field = _innermost(model, item["loc"], data)
     description = "" if field is None else field.description or ""
     meaning = f" {description}" if description.startswith("[") else description and f" ({description})"
     if kind in ("model_type", "model_attributes_type"):
@@ -282,7 +282,8 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
             needed = f"{exact:g}"
         else:
             needed = f"at most {longest[0]:g}" if longest else f"at least {shortest[0]:g}"
-        return f"has {limits['actual_length']} entries, must have {needed}{meaning}"
+        number = limits["actual_length"]
+        return f"has {number} {'entry' if number == 1 else 'entries'}, must have {needed}{meaning}"
     if kind == "value_error":
         return f"{limits['error']}{'' if isinstance(value, Mapping) else f'; not {shown(value)}'}"
     if isinstance(value, float) and not math.isfinite(value):
@@ -302,16 +303,31 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
     return f"{shown(value)} {_REQUIREMENTS.get(kind, item['msg']).format(**limits)}{meaning}"
 
 
-def _innermost(model: type[BaseModel], keys: Sequence[str | int]) -> tuple[type[BaseModel], FieldInfo | None]:
-    """The innermost model to which the last key of a path belongs, and the field of that key."""
-    field = None
-    for k, key in enumerate(keys):
-        field = model.model_fields.get(str(key))
-        inner = nested_models(field) if field else []
-        if not inner or k + 1 == len(keys):
-            break
-        model = next((section for section in inner if str(keys[k + 1]) in section.model_fields), inner[0])
+def _innermost(
+    model: type[BaseModel], keys: Sequence[str | int], data: object
+) -> tuple[type[BaseModel], FieldInfo | None]:
+    """The innermost model to which a key of a path in ``data`` belongs, and the field of that key."""
+    field, kinds = None, [model]
+    for key in keys:
+        if kinds := [Free] if is_free(data) else kinds:
+            model = _named_kind(kinds, str(key), data)
+            field = model.model_fields.get(str(key))
+            kinds = nested_models(field) if field else []
+        try:
+            data = data[key]  # type: ignore[index]
+        except (LookupError, TypeError):  # a key that is missing, or belongs to no mapping
+            data = None
     return model, field
+
+
+def _named_kind(kinds: Sequence[type[BaseModel]], key: str, data: object) -> type[BaseModel]:
+    """The kind of a section that the data name, as those of ``{gait: NAME}`` do; otherwise one that has the key."""
+
+    def rank(kind: type[BaseModel]) -> tuple[int, bool]:
+        required = {name for name, field in kind.model_fields.items() if field.is_required()}
+        return len(required) if isinstance(data, Mapping) and required <= {*data} else 0, key in kind.model_fields
+
+    return max(kinds, key=rank)
 
 
 def nested_models(field: Any) -> list[type[BaseModel]]:

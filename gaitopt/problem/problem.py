@@ -12,8 +12,6 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
-import numpy as np
-
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
@@ -300,11 +298,7 @@ class Problem(ProblemStatement):
 
     def free_guesses(self, values: Mapping[str, float]) -> dict[str, object]:
         """Overrides that make known values the guesses of the free numbers, clipped to their bounds."""
-        return {
-            key: {"free": [free.lower, free.upper], "guess": float(np.clip(values[key], free.lower, free.upper))}
-            for key, free in self.free.items()
-            if key in values
-        }
+        return {key: free.near(values[key]).record for key, free in self.free.items() if key in values}
 
     def with_fixed(self, values: Mapping[str, float]) -> "Problem":
         """The problem with its free numbers fixed at values by dotted key, without objective and constraints."""

@@ -19,7 +19,7 @@ from gaitopt.model.control import OWN_PACKAGE, Control, NoControl, is_parameter
 from gaitopt.model.foreign import calling
 from gaitopt.model.registry import refused_controls, refused_walkers
 from gaitopt.model.section import CLOCK
-from gaitopt.model.units import unknown_faults
+from gaitopt.model.units import Free, is_free
 from gaitopt.model.walker import Walker
 from gaitopt.problem.design_section import DesignReader
 from gaitopt.problem.faults import Fault, Key, SectionReader, near_miss, read_section, shown
@@ -27,18 +27,17 @@ from gaitopt.problem.gait_section import GaitReader
 from gaitopt.problem.schema import (
     SECTION_KEYS,
     SIMULATION_KEYS,
-    FreeSection,
     FrictionCoefficients,
     HeadSection,
     RobotSection,
     UntilSection,
     friction_section,
 )
-from gaitopt.problem.statement import Free, Until
+from gaitopt.problem.statement import Until
 
 Model = TypeVar("Model", bound=BaseModel)
 
-UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
+UNREAD = Free[float](free=(math.nan, math.nan), guess=math.nan)
 """Stands for an unknown whose mapping has faults, so that objectives and constraints may still use its name."""
 
 
@@ -64,7 +63,7 @@ class _StatementReader(SectionReader):
     def __init__(self, data: Mapping[str, Any], known: Known, faults: list[Fault]) -> None:
         super().__init__(data, faults)
         self._known = known
-        self._free: dict[str, Free] = {}
+        self._free: dict[str, Free[float]] = {}
         self._model: type[Walker] | None = None
         self._laws: dict[str, Any] = {}
 
@@ -98,7 +97,7 @@ class _StatementReader(SectionReader):
         head = {key: value for key, value in self._data.items() if key in HeadSection.model_fields}
         friction = head.get("friction")
         coefficients: Any = None
-        if isinstance(friction, Mapping) and not _is_free(friction):
+        if isinstance(friction, Mapping) and not is_free(friction):
             head["friction"] = 0.0  # the section of the head needs a number
             section = self._numbers(HeadSection, head, ())
             if (
@@ -116,7 +115,7 @@ class _StatementReader(SectionReader):
 
     def _read_friction(self, model: type[Walker], laws: Mapping[str, Any]) -> dict[str, Any] | None:
         """The friction law of every contact by name."""
-        numbers = {name: laws[name] for name in laws if not isinstance(laws[name], Mapping) or _is_free(laws[name])}
+        numbers = {name: laws[name] for name in laws if not isinstance(laws[name], Mapping) or is_free(laws[name])}
         missing = [name for name in model.contacts if name not in laws]
         self._faults += [Fault(("friction", name), "is missing: every contact has its friction") for name in missing]
         read: dict[str, Any] = {}
@@ -227,12 +226,12 @@ class _StatementReader(SectionReader):
         """A section in which numbers may be free; a free number has the value of its guess."""
         freed: dict[tuple[str, ...], Any] = {}
         for key, entry in ((key, data.get(key)) for key in model.model_fields):
-            if _is_free(entry):
+            if is_free(entry):
                 freed[key,] = entry
             elif isinstance(entry, Mapping) and is_parameter(model, key):
-                freed |= {(key, str(name)): value for name, value in entry.items() if _is_free(value)}
+                freed |= {(key, str(name)): value for name, value in entry.items() if is_free(value)}
         self._free |= {".".join(map(str, (*path, *keys))): UNREAD for keys in freed}
-        sections = {keys: self._section(FreeSection, value, (*path, *keys)) for keys, value in freed.items()}
+        sections = {keys: self._section(Free[Any], value, (*path, *keys)) for keys, value in freed.items()}
         unknowns = {keys: unknown for keys, unknown in sections.items() if unknown is not None}
         section_faults: list[Fault] = []
         plain: Mapping[str, Any] = data
@@ -255,8 +254,8 @@ class _StatementReader(SectionReader):
         return section
 
     def _read_bounds(
-        self, section: BaseModel, plain: Mapping[str, Any], unknown: FreeSection, above: Key, keys: tuple[str, ...]
-    ) -> Free | None:
+        self, section: BaseModel, plain: Mapping[str, Any], unknown: Free[Any], above: Key, keys: tuple[str, ...]
+    ) -> Free[float] | None:
         path, guess = (*above, *keys), _at(section, keys)
         if not isinstance(guess, float) or not is_parameter(type(section), keys[0]):
             self._fault(path, "cannot be free: only a real number can be an unknown; give a value")
@@ -269,9 +268,9 @@ class _StatementReader(SectionReader):
             bounds += [] if other is None else [_at(other, keys)]
         if len(bounds) < 2:
             return None
-        lower, upper = bounds
-        self._faults += [Fault((*path, key), words) for key, words in unknown_faults(lower, upper, guess)]
-        return Free(lower=lower, upper=upper, guess=guess)
+        free = Free[float](free=(bounds[0], bounds[1]), guess=guess)
+        self._faults += [Fault((*path, *place), words) for place, words in free.faults()]
+        return free
 
 
 def _with(data: Mapping[str, Any], keys: tuple[str, ...], value: object) -> dict[str, Any]:
@@ -284,7 +283,3 @@ def _at(section: BaseModel, keys: tuple[str, ...]) -> Any:
     """The field of a section with this key, or with two keys, an entry of the mapping in it."""
     value = getattr(section, keys[0])
     return value[keys[1]] if len(keys) > 1 else value
-
-
-def _is_free(value: object) -> bool:
-    return isinstance(value, Mapping) and "free" in value

@@ -39,6 +39,7 @@ from gaitopt.model.units import (
     Angle,
     Duration,
     Finite,
+    Free,
     NonNegative,
     Number,
     Positive,
@@ -263,13 +264,6 @@ class UntilSection(Section):
         if not self.model_fields_set:
             raise ValueError("is empty: give time, steps or events")
         return self
-
-
-class FreeSection(Section):
-    """An unknown in place of a number."""
-
-    free: Annotated[list[Any], Field(min_length=2, max_length=2, description="bounds [lo, hi] of the unknown")]
-    guess: Annotated[Any, Field(description="first guess, within the bounds")]
 
 
 class RangeSection(Section):
@@ -632,11 +626,14 @@ def _range(minimum: dict[str, Any], maximum: dict[str, Any]) -> dict[str, Any]:
 
 
 def _free(value: dict[str, Any]) -> dict[str, Any]:
-    bounds = {"type": "array", "items": value, "minItems": 2, "maxItems": 2, "description": "bounds [lo, hi]"}
+    bounds = {"type": "array", "items": value, "minItems": 2, "maxItems": 2}
     return {
         "description": "an unknown",
         "type": "object",
-        "properties": {"free": bounds, "guess": value},
+        "properties": {
+            "free": {"description": Free.model_fields["free"].description, **bounds},
+            "guess": value,
+        },
         "required": ["free", "guess"],
         "additionalProperties": False,
     }

@@ -21,19 +21,10 @@ from gaitopt.model.cycle import BREAKPOINT, UNTIL, Cycle
 from gaitopt.model.friction import COULOMB, STATIC_KINETIC, ContactFriction, Friction, ImpactLaw, shared_friction
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN, Section, has_stated_sections, section_of
-from gaitopt.model.units import parse_count
+from gaitopt.model.units import Free, parse_count
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
 from gaitopt.problem.schema import OPEN, SIMULATION_KEYS, Aggregate, FirstGuessSection, FrictionCoefficients
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Free:
-    """The bounds and the first guess of a parameter that is an unknown, in SI units."""
-
-    lower: float
-    upper: float
-    guess: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -179,7 +170,7 @@ class ProblemStatement(Tabulated):
     control: Control
     modes: Cycle | OpenSequence
     start: Guess | None
-    free: Mapping[str, Free] = field(default_factory=dict)
+    free: Mapping[str, Free[float]] = field(default_factory=dict)
     objective: Mapping[str, float] = field(default_factory=dict)
     constraints: Mapping[str, Range] = field(default_factory=dict)
     over: Over | None = None
@@ -349,7 +340,7 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
         section = data
         for group in above:
             section = section[group]
-        section[name] = {"free": [free.lower, free.upper], "guess": free.guess}
+        section[name] = free.record
     over, objective = problem.over, dict(problem.objective)
     if objective:
         aggregate = Aggregate.AT if over is None else over.aggregate

@@ -20,9 +20,9 @@ from gaitopt.errors import SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Cause, Gait, Status
 from gaitopt.model.cycle import Cycle
+from gaitopt.model.units import Free
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.rules import TOO_SLIPPERY, least_friction
-from gaitopt.problem.statement import Free
 from gaitopt.requests import ExplainRequest
 from gaitopt.search.candidates import family
 from gaitopt.search.find import Gaits, SearchPlan, search, with_open_modes
@@ -248,7 +248,7 @@ def nearest_values(
     gait_of_file: Gait | None,
     end: Nearest | None,
     others: Iterable[Gait],
-    free: Mapping[str, Free],
+    free: Mapping[str, Free[float]],
     parts: Counted = None,
     should_stop: Stop = None,
 ) -> Iterator[Nearest]:
@@ -346,7 +346,7 @@ def _nearest(parameter: str, special: SpecialPoint) -> Nearest:
     )
 
 
-def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
+def _widened(problem: Problem, key: str, span: Free[float]) -> tuple[float, ...]:
     """The range of a free number, extended by its width on either side if the walker can have these values."""
     width = span.upper - span.lower
     wide = ((span.lower - width, span.lower), (span.upper + width, span.upper))

@@ -360,7 +360,7 @@ def test_the_gait_of_a_stored_run_can_be_followed(file: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("t,theta2\n0,0.1\n0.1\n", "swing.csv:3: 1 entries, but there are 2 columns"),
+        ("t,theta2\n0,0.1\n0.1\n", "swing.csv:3: 1 entry, but there are 2 columns"),
         ("# degrees\nt,theta2 [deg]\n\n0,1\n0.1,x\n", "swing.csv:5: 'x' is not a number"),
         ("t,theta2\n0,0\n0.1,1_0\n", "swing.csv:3: '1_0' is not a number"),
         ("t,theta2\n0,0\n0.1,nan\n", "swing.csv:3: theta2 = nan is not a finite number"),
@@ -369,8 +369,8 @@ def test_the_gait_of_a_stored_run_can_be_followed(file: Path) -> None:
         ("t,theta2\n0.1,0\n0.2,0\n", "swing.csv: t starts at 0.1 and ends at 0.2, but must rise from 0"),
         ("theta1,theta2\n0,0\n0.2,0\n", "swing.csv: its first column is theta1, but must be t"),
         ("t,torso\n0,0\n0.2,0\n", "torso is not a tracked joint of compass_biped; the tracked joints are theta1"),
-        ("t,theta2\n0,0\n0.2,2\n", "swing.csv: theta2 reaches 2, which is impossible: angles of compass_biped"),
-        ("t,theta2\n0,0\n", "swing.csv has 1 rows of numbers, must have from 2 to"),
+        ("t,theta2\n0,0\n0.2,2\n", "swing.csv: theta2 reaches 2 rad, which is impossible: angles of compass_biped"),
+        ("t,theta2\n0,0\n", "swing.csv has 1 row of numbers, must have from 2 to"),
         ("0,0\n0.1,1\n", "swing.csv:1: '0,0' does not name the columns: it must have a line of names such as t,theta2"),
         ("t\n0\n", "swing.csv:1: one column is not enough"),
         ("t,t\n0,1\n1,2\n", "swing.csv:1: two columns have one name"),
@@ -391,6 +391,7 @@ def test_a_wrong_table_is_one_sentence_with_file_and_line(file: Path, content: A
 
 
 CURVE = {"bezier": {"theta2": [0, 0.1]}}
+TIME = {"duration": 1, "beyond_end": "off"}
 FREE, HELD, OFF = {"degree": 2, "duration": 1}, {"beyond_end": "hold"}, {"beyond_end": "off"}
 FLAT = {"curve": {"degree": 2, "points": {"theta2": [0, 0, 0]}}}
 TIMED, LONG = {"t": [0, 1], "theta2": [0, 1]}, {"t": np.arange(80), "theta2": np.zeros(80)}
@@ -406,7 +407,7 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         (3, "", "give one of {constant: {JOINT: 10 deg}} or"),
         ({"constant": {"theta2": 0.1}, "gait": "x"}, "", "has both constant and gait: give one of {constant:"),
         ({"constant": {"theta2": 0.1}, "beyond_end": "hold"}, "", "beyond_end does not belong to constant, which has"),
-        ({"bezier": {"theta2": [0]}, "duration": 1, "beyond_end": "off"}, ".bezier.theta2", "1 control points"),
+        ({"bezier": {"theta2": [0]}, "duration": 1, "beyond_end": "off"}, ".bezier.theta2", "has 1 control point, must"),
         ({"bezier": {"hip": [0, 1]}, "duration": 1, "beyond_end": "off"}, ".bezier.hip", "is not a tracked joint"),
         ({"bezier": {}, "duration": 1, "beyond_end": "off"}, ".bezier", "has no curve: give the control points"),
         ({**CURVE, "beyond_end": "off"}, ".duration", "is missing: curves of time need their duration"),
@@ -416,20 +417,23 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         ({**CURVE, "phase": "hip", "span": [0, 1]}, ".phase", "no phase variable 'hip'; it has theta1, theta2; clock"),
         ({**CURVE, "phase": "theta1"}, ".span", "is missing: curves of a phase variable need span: [START, END]"),
         ({**CURVE, "phase": "theta1", "span": [1, 1]}, ".span", "is empty: both ends are 1"),
-        ({**CURVE, "phase": "theta2", "span": [0, 1]}, ".bezier.theta2", "theta2 is the phase variable"),
+        ({**CURVE, "phase": "theta2", "span": [0, 1]}, ".bezier.theta2", "is the phase variable"),
         ({**CURVE, "phase": "theta1", "span": [0, 1], "beyond_end": "hold"}, ".beyond_end", "applies only to curves"),
         ({**CURVE, "phase": "theta1", "span": [0, 1], "duration": 1}, ".duration", "does not apply"),
         ({"constant": {"theta2": {"free": [1, 0], "guess": 0.5}}}, ".constant.theta2.free", "is empty: [1, 0] needs"),
         ({"constant": {"theta2": {"free": [0, 0.1], "guess": 1}}}, ".constant.theta2.guess", "1 is outside of its"),
-        ({"constant": {"theta2": {"free": [0], "guess": 0}}}, ".constant.theta2", "an unknown is {free: [lo, hi],"),
-        ({"constant": {"theta2": {"fre": [0, 1]}}}, ".constant.theta2", "an unknown is {free: [lo, hi], guess: value}"),
+        ({"constant": {"theta2": {"free": [0], "guess": 0}}}, ".constant.theta2.free", "has 1 entry, must have 2"),
+        ({"constant": {"theta2": {"free": [0, 1]}}}, ".constant.theta2.guess", "is missing (first guess, within the"),
+        ({"constant": {"theta2": {"fre": [0, 1]}}}, ".constant.theta2", "{'fre': [0, 1]} is not a number (angle of"),
+        ({"bezier": {"theta2": [0, {"free": [1, 0], "guess": 0}]}, **TIME}, ".bezier.theta2[1].free", "is empty: [1, 0]"),
+        ({"bezier": {"theta2": [0, {"free": [0, 1], "gues": 0}]}, **TIME}, ".bezier.theta2[1].gues", "mean guess?"),
         ({"constant": {"theta2": {"free": [0, 3], "guess": 0}}}, ".constant.theta2", "3 is impossible: angles of"),
         ({"table": 3}, ".table", "3 is not a path of a CSV file"),
         ({"table": {"t": [0, 1], "theta2": [0]}}, ".table", "the columns differ in length (t: 2, theta2: 1)"),
         ({"table": {"t": [0, 1], "theta2": "x"}}, ".table", "the column theta2 is not a list of numbers"),
         ({"table": {"t": [0, 1], "theta2": [[0], [0, 1]]}}, ".table", "the column theta2 is not a list of numbers"),
         ({"table": {"t": [0, 1], "theta2": [0, 1]}}, ".beyond_end", "is missing: give linear, hold or off"),
-        ({"table": {"theta1": [0, 1], "theta2": [0, 1]}, "phase": "theta1"}, ".degree", "is missing: a spline of"),
+        ({"table": {"theta1": [0, 1], "theta2": [0, 1]}, "phase": "theta1"}, ".degree", "is missing: curves of a phase"),
         ({"table": TIMED, "degree": 2, **OFF}, ".degree", "2 is too large: 2 rows determine at most 1"),
         ({"table": LONG, **OFF}, ".degree", "is missing: a spline through 80 rows divides the motion at every row"),
         ({"gait": "compass-passive-b"}, ".beyond_end", "is missing: give flow, linear, hold or off, because a step"),
@@ -440,12 +444,12 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         ({**OVER_PHASE, "degree": 6, "phase": "hip"}, ".phase", "no phase variable 'hip'; it has theta1, theta2;"),
         ({"gait": "compass-passive-b", "span": [0, 1], "beyond_end": "off"}, ".span", "does not apply to curves"),
         ({"curve": {"degree": 2, "start": "compass-passive-b"}}, ".beyond_end", "is missing: give linear, hold or off"),
-        ({**FLAT, **HELD}, ".curve.duration", "is missing: curves without curve.start need it"),
+        ({**FLAT, **HELD}, ".curve.duration", "is missing: curves of time need their duration"),
         ({"curve": {"degree": 2}, "beyond_end": "hold"}, ".curve.start", "is missing: give a problem whose gait is"),
         (
             {**FLAT, "phase": "theta1"},
             ".span",
-            "is missing: curves without curve.start need it, the phase at the start",
+            "is missing: curves of a phase variable need span: [START, END]",
         ),
         ({"curve": {**FREE, **FLAT["curve"]}, "span": [0, 1], **HELD}, ".span", "does not apply to curves of time"),
         ({"curve": {**FREE, **FLAT["curve"]}, **THETA1}, ".curve.duration", "does not apply: curves of a phase"),
@@ -467,3 +471,27 @@ def test_a_wrong_reference_is_one_sentence_that_shows_the_right_form(reference: 
     told = refusal(with_reference, reference)
     assert f"control.reference{key}: " in told
     assert words in told
+
+
+@pytest.mark.parametrize(
+    ("reference", "key", "meaning"),
+    [
+        ({"constant": {"theta2": "x deg"}}, ".constant.theta2", "write an angle as a number in rad"),
+        ({"constant": {"theta2": 2000}}, ".constant.theta2", "(angle of each tracked joint [rad], a number or an unkn"),
+        ({"bezier": {"theta2": [0, 2000]}, **TIME}, ".bezier.theta2[1]", "(control points of each curve [rad]; each is"),
+        ({**CURVE, "beyond_end": 3, "duration": 1}, ".beyond_end", "allowed: linear, hold, off"),
+        ({**CURVE, "phase": ""}, ".phase", "(argument of the curves: clock (time since the impact), a shape coordin"),
+        ({"table": TIMED, "degree": 0, **OFF}, ".degree", "(degree of the polynomials fitted to the rows; by default a"),
+        ({"table": TIMED, "phase": "", **OFF}, ".phase", "a shape coordinate or a phase variable)"),
+        ({"table": TIMED, "beyond_end": "flow"}, ".beyond_end", "allowed: linear, hold, off"),
+        ({**PASSIVE, "degree": 0}, ".degree", "(degree of the polynomials fitted to the gait's angles as functions"),
+        ({**PASSIVE, "phase": ""}, ".phase", "a shape coordinate or a phase variable; by default the clock)"),
+        ({**PASSIVE, "beyond_end": "of"}, ".beyond_end", "did you mean off?"),
+        ({"curve": {"degree": 0}, **HELD}, ".curve.degree", "(degree of the curve of each joint)"),
+        ({"curve": FREE, "span": [0], **HELD}, ".span", "(values of the phase variable at the start and the end of"),
+    ],
+)
+def test_a_wrong_value_is_explained_by_the_kind_that_the_reference_names(reference: Any, key: str, meaning: str) -> None:
+    told = refusal(with_reference, reference)
+    assert f"control.reference{key}: " in told
+    assert meaning in told

@@ -369,7 +369,7 @@ def test_a_singular_decoupling_matrix_is_named():
             "reference.gait: has curves of hip; the outputs are theta2",
         ),
         ({"control.reference": {"constant": {"hip": 0}}}, "has curves of hip; the outputs are theta2"),
-        ({"control.reference": {"table": TABLE}}, "degree: is missing: a spline of a phase variable would have"),
+        ({"control.reference": {"table": TABLE}}, "degree: is missing: curves of a phase variable are polynomials"),
         ({"control.reference": {"table": {**TABLE, "hip": [0, 1]}, "degree": 1}}, "has curves of theta2, hip; the"),
         ({"control.reference": {"table": {"t": [0, 1], "theta2": [0, 1]}, "degree": 1}}, "its first column is t, but"),
         ({"control.reference.theta2.7": 0.1}, "has no such entry: name one of 0 to 6"),

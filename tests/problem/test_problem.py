@@ -12,10 +12,11 @@ from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import Mode
 from gaitopt.model.reference import GaitReference
 from gaitopt.model.tracking import ProportionalDerivative
+from gaitopt.model.units import Free
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.problem import load_problem, parse_problem, restore_problem
 from gaitopt.problem.source import problem_names
-from gaitopt.problem.statement import Free, Range
+from gaitopt.problem.statement import Range
 
 FREE_TORQUES = {
     "control.ankle": {"free": [0, 2], "guess": 1.65},
@@ -77,8 +78,8 @@ def test_a_reference_in_a_file_is_that_of_its_class():
 def test_unknowns_objective_and_constraints_are_read_in_si():
     problem = load_problem("compass-torque-slip").replace(FREE_TORQUES)
     assert problem.free == {
-        "walker.slope": Free(lower=-math.radians(1), upper=math.radians(1), guess=0.0),
-        "control.ankle": Free(lower=0.0, upper=2.0, guess=1.65),
+        "walker.slope": Free[float](free=(-math.radians(1), math.radians(1)), guess=0.0),
+        "control.ankle": Free[float](free=(0.0, 2.0), guess=1.65),
     }
     assert problem.objective == {"cost_of_transport": 1.0}
     assert problem.constraints == {

@@ -153,7 +153,10 @@ def test_a_problem_with_feedback_is_stored_and_restored(tmp_path):
     [
         ({"gains": {"control.knee": {"theta1": 1}}}, "control.knee is no parameter of the law"),
         ({"gains": {"control.hip": {"theta3": 1}}}, "theta3 is no coordinate of the section, which has theta1"),
-        ({"gains": {"control.hip": {"theta1": "much"}}}, "must be a number from -1e\\+09 to 1e\\+09"),
+        ({"gains": {"control.hip": {"theta1": "much"}}}, "gains.control.hip.theta1: 'much' is not a number"),
+        ({"gains": {"control.hip": {"theta1": -2e9}}}, "hip.theta1: -2e\\+09 must be at least -1e\\+09"),
+        ({"gains": {"control.hip": {"theta1": {"free": [0, 1], "guess": 2}}}}, "theta1.guess: 2 is outside of its"),
+        ({"gains": {"control.hip": {"theta1": {"free": [0, 2e9], "guess": 2}}}}, "theta1.free\\[1\\]: 2e\\+09 must be"),
         ({"gains": {"control.hip": 1}}, "give the gains of a parameter by coordinate"),
         ({"gains": {}}, "has no entry"),
         ({"design": "lqr", "corrects": []}, "names no parameter"),
