@@ -26,9 +26,9 @@ FRAME_HEIGHT = 620
 """Height of a page inside a notebook [pixels]."""
 
 
-def counted(n: int, noun: str) -> str:
-    """A number with a noun in singular or plural, such as "1 gait" or "2 gaits"."""
-    return f"{n} {noun}{'' if n == 1 else 's'}"
+def counted(n: int, noun: str, plural: str = "") -> str:
+    """A number with a noun in singular or plural, such as "1 gait" or "2 gaits"; the plural has an s by default."""
+    return f"{n} {noun if n == 1 else plural or f'{noun}s'}"
 
 
 def distinguished(first: float, second: float, digits: int = 4) -> tuple[str, str]:

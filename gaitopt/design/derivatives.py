@@ -16,7 +16,7 @@ import numpy as np
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.design.sensitivity import Multiplier, Sensitivity
 from gaitopt.design.spectral_radius import RADIUS
-from gaitopt.display import Tabulated
+from gaitopt.display import Tabulated, counted
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Gait
@@ -62,8 +62,8 @@ class Derivatives(Tabulated, ReadOnlyArrays):
     reasons: Mapping[str, str]
 
     def __repr__(self) -> str:
-        size = f"{len(self.quantities)} quantities by {len(self.parameters)} parameters"
-        return f"<Derivatives of {self.problem.name}: {size}>"
+        quantities = counted(len(self.quantities), "quantity", "quantities")
+        return f"<Derivatives of {self.problem.name}: {quantities} by {counted(len(self.parameters), 'parameter')}>"
 
     def of(self, quantity: str, parameter: str) -> float:
         """One derivative, in SI units; NaN where there is none.

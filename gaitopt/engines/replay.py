@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from gaitopt.callbacks import Stop
+from gaitopt.display import counted
 from gaitopt.engines.outcome import COMPLETED, Outcome, Simulator
 from gaitopt.engines.plant import Reference
 from gaitopt.engines.process import outcomes
@@ -125,7 +126,7 @@ class Replay:
             return None, f"the run with a time step of {failed.dt:g} s ended: {failed.ending}"
         steps = np.array([o.dt for o in self.outcomes])
         if len(steps) <= PAIRS:
-            return None, f"{len(steps)} time steps; the extrapolation needs {PAIRS + 1}"
+            return None, f"{counted(len(steps), 'time step')}; the extrapolation needs {PAIRS + 1}"
         paths = {way: path for way, path in self.slip.items() if path > 0}
         bodies = len(self.outcomes[0].deviation) // 2 - 1
         angles = [[*o.deviation[:bodies], o.deviation[2 * bodies]] for o in self.outcomes]  # rates at a contact vibrate

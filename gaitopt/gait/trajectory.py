@@ -10,7 +10,7 @@ from casadi import Function
 from numpy.polynomial import chebyshev
 
 from gaitopt.arrays import Array, ReadOnlyArrays
-from gaitopt.display import Tabulated
+from gaitopt.display import Tabulated, counted
 from gaitopt.errors import ProblemError
 from gaitopt.gait import curves
 from gaitopt.gait.frames import data_frame, sample_set
@@ -54,7 +54,7 @@ class Arc(ReadOnlyArrays):
     struck: Mode | None = None
 
     def __repr__(self) -> str:
-        return f"<Arc {self.mode.brief}, {self.start:.6g} s to {self.end:.6g} s, {len(self.times)} points>"
+        return f"<Arc {self.mode.brief}, {self.start:.6g} s to {self.end:.6g} s, {counted(len(self.times), 'point')}>"
 
     @property
     def start(self) -> float:

@@ -18,6 +18,7 @@ from pydantic.fields import FieldInfo
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
+from gaitopt.display import counted
 from gaitopt.errors import ProblemError
 from gaitopt.model.foreign import (
     FOOT_COORDINATES,
@@ -421,7 +422,8 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
     if not mechanism.bodies:
         yield "Mechanism.bodies is empty: a walker needs at least one body"
     if len(mechanism.motors) != len(walker.actuators):
-        yield f"Mechanism.motors has {len(mechanism.motors)} entries, but actuators has {len(walker.actuators)}"
+        number = counted(len(mechanism.motors), "entry", "entries")
+        yield f"Mechanism.motors has {number}, but actuators has {len(walker.actuators)}"
     yield from _push_faults(walker, mechanism)
     for name in ("stops", "switches", "phases", "contacts", "sections"):
         names, declared = (*getattr(mechanism, name),), getattr(walker, name)
@@ -570,7 +572,8 @@ def _motor_faults(walker: type[Walker], names: tuple[str, ...]) -> Iterator[str]
     if foreign:
         yield f"external names {', '.join(sorted(foreign))}, which is not an actuator"
     if walker.tracked and len(walker.tracked) != len(walker.actuators):
-        yield f"tracked has {len(walker.tracked)} entries, but actuators has {len(walker.actuators)}"
+        number = counted(len(walker.tracked), "entry", "entries")
+        yield f"tracked has {number}, but actuators has {len(walker.actuators)}"
 
 
 def _field_faults(name: str, field: FieldInfo) -> Iterator[str]:

@@ -17,6 +17,7 @@ from casadi import SX, dot
 from pydantic import ConfigDict, Field, create_model, model_validator
 
 from gaitopt.arrays import Array
+from gaitopt.display import counted
 from gaitopt.model.control import OF_MOTOR, Control, Fixed, SectionType, unknown_actuators
 from gaitopt.model.declaration import actuator_units, joint_limits
 from gaitopt.model.instant import Instant
@@ -132,7 +133,8 @@ class OpenLoop(Control):
         for name, row in self.values.items():
             lower, upper = spans.get(name, (-np.inf, np.inf))
             if len(row) != self.count:
-                yield (name,), f"{len(row)} values, but {self.intervals} {self.order} intervals have {self.count}"
+                intervals = counted(self.intervals, f"{self.order} interval")
+                yield (name,), f"has {counted(len(row), 'value')}, must have {self.count} for {intervals}"
             if lower < upper and not lower <= 0 <= upper and not any(row):
                 words = f"[{lower:g}, {upper:g}] excludes zero, the first guess of the torque of {name}"
                 yield (

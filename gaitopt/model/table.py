@@ -19,6 +19,7 @@ from numpy.polynomial import chebyshev
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from gaitopt.arrays import Array
+from gaitopt.display import counted
 from gaitopt.model.curve import BeyondEnd, Curve, Piece, continuation
 from gaitopt.model.units import parse_number
 
@@ -103,12 +104,14 @@ def _columns(table: Table) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]
         words = "two columns have one name" if len(names) > 1 else "one column is not enough"
         raise ValueError(f"{table.file}:{first}: {words}: it must have {form}")
     if not 2 <= len(rows) <= MOST_ROWS:
-        raise ValueError(f"{table.file} has {len(rows)} rows of numbers, must have from 2 to {MOST_ROWS}")
+        number = counted(len(rows), "row of numbers", "rows of numbers")
+        raise ValueError(f"{table.file} has {number}, must have from 2 to {MOST_ROWS}")
     numbers, decimals = np.empty((len(rows), len(names))), list[list[str]]()
     for n, (k, line) in enumerate(rows):
         cells = line.split(",")
         if len(cells) != len(names):
-            raise ValueError(f"{table.file}:{k}: {len(cells)} entries, but there are {len(names)} columns")
+            number = counted(len(cells), "entry", "entries")
+            raise ValueError(f"{table.file}:{k}: has {number}, must have {len(names)}, one for each column")
         decimals.append(
             [f"{cell.strip()} deg" if unit == "deg" else cell.strip() for cell, unit in zip(cells, units, strict=True)]
         )

@@ -174,7 +174,9 @@ class Free(BaseModel, Generic[Value]):
     The type of the values is that of the number; ``Free[Any]`` has values that are not read yet.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", title="Free", json_schema_extra={"description": "an unknown"}
+    )
 
     free: Annotated[tuple[Value, ...], Field(min_length=2, max_length=2, description="bounds [lo, hi] of the unknown")]
     guess: Annotated[Value, Field(description="first guess, within the bounds")]
@@ -198,6 +200,9 @@ class Free(BaseModel, Generic[Value]):
     def record(self) -> dict[str, Any]:
         """The unknown as data of a problem file."""
         return {"free": [*self.free], "guess": self.guess}
+
+    def __repr_name__(self) -> str:
+        return "Free"
 
     def near(self: "Free[float]", value: float) -> "Free[float]":
         """The same unknown, whose guess is the value within the bounds that is closest to ``value``."""

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
+from gaitopt.display import counted
 from gaitopt.model.control import Control, NoControl
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import joint_limits
@@ -151,7 +152,7 @@ class DesignReader(SectionReader):
                 self._fault(("at",), "is the value within a range at which the objective counts: give over too")
             return None
         if not isinstance(data, Mapping) or len(data) != 1:
-            given = f"{len(data)} parameters" if isinstance(data, Mapping) else shown(data)
+            given = counted(len(data), "parameter") if isinstance(data, Mapping) else shown(data)
             self._fault(("over",), f"is {given}, but a design holds over one parameter: {{friction: [lo, hi]}}")
             return None
         ((key, limits),) = ((str(key), limits) for key, limits in data.items())
@@ -252,7 +253,8 @@ class DesignReader(SectionReader):
             remedy = "free a parameter of walker, friction or control: {free: [lo, hi], guess: x}"
             self._fault(path, f"too few unknowns: the gait has no free parameter to choose; {remedy}")
         elif len(equalities) > unknowns:
-            given = f"{len(equalities)} equalities ({', '.join(equalities)}) for {unknowns} free parameters"
+            given = f"{counted(len(equalities), 'equality', 'equalities')} ({', '.join(equalities)})"
+            given += f" for {counted(unknowns, 'free parameter')}"
             self._fault(("constraints",), f"too few unknowns: {given}; free more, or turn a value into a range")
         elif unknowns and not objective and not constraints:
             path = tuple(next(iter(self._free), "control.reference").split("."))

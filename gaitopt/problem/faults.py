@@ -19,6 +19,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from gaitopt.display import counted
 from gaitopt.errors import ProblemError, printable
 from gaitopt.model.units import LARGEST_SIZE, SMALLEST_SIZE, Free, is_free
 from gaitopt.requests import LONGEST_SHOWN
@@ -282,8 +283,7 @@ def _message(item: ErrorDetails, model: type[BaseModel], data: object) -> str:
             needed = f"{exact:g}"
         else:
             needed = f"at most {longest[0]:g}" if longest else f"at least {shortest[0]:g}"
-        number = limits["actual_length"]
-        return f"has {number} {'entry' if number == 1 else 'entries'}, must have {needed}{meaning}"
+        return f"has {counted(limits['actual_length'], 'entry', 'entries')}, must have {needed}{meaning}"
     if kind == "value_error":
         return f"{limits['error']}{'' if isinstance(value, Mapping) else f'; not {shown(value)}'}"
     if isinstance(value, float) and not math.isfinite(value):

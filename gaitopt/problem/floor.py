@@ -21,6 +21,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.display import counted
 from gaitopt.errors import ArgumentError, ProblemError
 from gaitopt.problem.faults import shown
 
@@ -191,7 +192,8 @@ class Floor:
         lists: dict[str, list[Any]] = {name: [] for name in header}
         for line, row in rows[1:]:
             if len(row) != len(header):
-                raise ProblemError(f"{path}, row {line}: has {len(row)} values, but there are {len(header)} columns")
+                words = f"has {counted(len(row), 'value')}, must have {len(header)}, one for each column"
+                raise ProblemError(f"{path}, row {line}: {words}")
             for name, text in zip(header, row, strict=True):
                 lower, upper = BOUNDS.get(name, BOUNDS["friction"])
                 try:

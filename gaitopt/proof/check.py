@@ -19,6 +19,7 @@ from typing import Any
 
 from flint import acb, arb, arb_mat
 
+from gaitopt.display import counted
 from gaitopt.model.control import Control
 from gaitopt.model.section import CLOCK
 from gaitopt.model.transitions import IMPACT_MARGINS, PHASE_MARGINS, Ending, Margin
@@ -125,7 +126,7 @@ class Proof:
     def __repr__(self) -> str:
         stability = {True: ", stable", False: ", unstable", None: ""}[self.stable]
         proved = sum(claim.proved for claim in self.claims)
-        return f"<Proof about {self.problem}: {proved} of {len(self.claims)} claims proved{stability}>"
+        return f"<Proof about {self.problem}: {proved} of {counted(len(self.claims), 'claim')} proved{stability}>"
 
     @property
     def proved(self) -> bool:
@@ -232,7 +233,7 @@ def _checked_boxes(statement: Statement) -> Iterator[CheckedBox]:
     if not records:
         raise ValueError("it has no boxes: nothing is proved")
     if len(records) != 1 and not statement.interval:
-        raise ValueError(f"{len(records)} boxes, but no parameter that varies")
+        raise ValueError(f"{counted(len(records), 'box', 'boxes')}, but no parameter that varies")
     for k, record in enumerate(records):
         box = check_box(statement, record, at_end=k in (0, len(records) - 1))
         yield box
@@ -435,7 +436,7 @@ def connection_claim(boxes: Sequence[CheckedBox], interval: Sequence[str]) -> Pr
             return ProofClaim(CONNECTION, proved=False, words=words)
     if [boxes[0].interval[0], boxes[-1].interval[1]] != list(interval):
         return ProofClaim(CONNECTION, proved=False, words="the boxes do not reach both ends of the interval")
-    words = f"the orbits form one smooth family, without a gap, in {len(boxes)} boxes"
+    words = f"the orbits form one smooth family, without a gap, in {counted(len(boxes), 'box', 'boxes')}"
     return ProofClaim(CONNECTION, proved=True, words=words)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, overload
 
-from gaitopt.display import Plotted
+from gaitopt.display import Plotted, counted
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.records import FrontEntryRecord, FrontRecord, OutcomeRecord, SolvedRecord, is_gait
@@ -76,7 +76,8 @@ class Front(Plotted, Sequence[FrontPoint]):
 
     def __repr__(self) -> str:
         solved, best = sum(point.converged for point in self), sum(point.pareto for point in self)
-        return f"<Front {self.problem.name} over {self.key}: {len(self)} designs, {solved} solved, {best} on the front>"
+        designs = counted(len(self), "design")
+        return f"<Front {self.problem.name} over {self.key}: {designs}, {solved} solved, {best} on the front>"
 
     def __len__(self) -> int:
         return len(self.points)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gaitopt.display import Plotted
+from gaitopt.display import Plotted, counted
 from gaitopt.errors import StorageError
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Status
@@ -142,7 +142,9 @@ def read_sweep(place: Path) -> Sweep:
     grid = validated(Grid, {"axes": record["over"]}, place / SWEEP_FILE)
     rows = parsed(_parse_rows, run.read(TABLE_FILE)[0], path)
     if len(rows) != grid.size:
-        raise StorageError(f"{path} has {len(rows)} rows for {grid.size} points; it was not changed")
+        raise StorageError(
+            f"{path} has {counted(len(rows), 'row')} for {counted(grid.size, 'point')}; it was not changed"
+        )
     points = grid.points(np.arange(grid.size)).tolist()
     keys = [axis.key for axis in grid.axes]
     records = [{**row, "at": dict(zip(keys, point, strict=True))} for row, point in zip(rows, points, strict=True)]

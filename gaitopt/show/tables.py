@@ -174,7 +174,7 @@ def print_problems(console: Console, problems: Sequence[tuple[Problem, Record]])
             gait = number(record["period"]), number(radius), STABILITY[radius < 1]
         modes = str(problem.modes)
         if isinstance(problem.modes, Cycle) and len(modes) > LONGEST_MODES:
-            modes = f"{len(problem.modes.phases)} phases"
+            modes = counted(len(problem.modes.phases), "phase")
         rows.append((problem.name, problem.walker.model, modes, *gait, problem.about.strip()))
     columns = list(zip(LIST_COLUMNS, *rows, strict=True))
     columns = [column for column in columns if any(column[1:])]
@@ -298,7 +298,7 @@ def _print_range(console: Console, over: Record, problem: Problem) -> None:
         for word, (value, at) in (("least", min(pairs)), ("largest", max(pairs))):
             rows.append((f"{column.replace('_', ' ')}, {word}", number(value), number(at)))
     rows += [(f"{name} is at its bound", "", number(at)) for name, at in over["binding"].items()]
-    title = f"over {key} from {number(lower)} to {number(upper)}, {len(points['value'])} gaits followed"
+    title = f"over {key} from {number(lower)} to {number(upper)}, {counted(len(points['value']), 'gait')} followed"
     section(console, title, ("", "value", f"at {key}"), rows, numbers=(1, 2))
 
 

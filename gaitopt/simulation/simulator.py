@@ -14,6 +14,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
+from gaitopt.display import counted
 from gaitopt.errors import ProblemError
 from gaitopt.gait.trajectory import Arc, ImpactRecord, Step, Trajectory, impact_record
 from gaitopt.model.dynamics import Dynamics
@@ -224,7 +225,9 @@ class Simulator:
                 break
             events += outcome.events
         if not message:
-            message = f"{steps} of {steps} steps" if until is None else f"{len(completed)} steps, {time:.6g} s"
+            message = (
+                f"{steps} of {steps} steps" if until is None else f"{counted(len(completed), 'step')}, {time:.6g} s"
+            )
         return Trajectory(
             names=self.system.state_names, start=start, steps=tuple(completed), ending=ending, message=message
         )
@@ -314,7 +317,7 @@ class Simulator:
                 break
             limit = _limit_reached(transition, time >= last_time, len(switches) + 1 >= last_event)
             if limit:
-                message = f"{number - 1} steps and {time:.6g} s, {limit}"
+                message = f"{counted(number - 1, 'step')} and {time:.6g} s, {limit}"
                 return StepOutcome(
                     step=_partial(arcs), ending=Ending.COMPLETED, message=message, events=len(switches) + 1
                 )

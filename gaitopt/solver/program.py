@@ -18,7 +18,7 @@ from casadi import DM, MX, Function, Sparsity, mtimes, sum1, vec
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.building import building, built_once
 from gaitopt.callbacks import Stop, Valued
-from gaitopt.display import Plotted
+from gaitopt.display import Plotted, counted
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.model.buffered import NumericFunction
@@ -101,7 +101,8 @@ class NonlinearProgram(Plotted, Program, ABC):
 
     def __repr__(self) -> str:
         n, m = self.x.numel(), self.g.numel()
-        return f"<NonlinearProgram {self.problem.name}: {n} unknowns, {m} constraints, {self.n_nodes} nodes>"
+        sizes = f"{counted(n, 'unknown')}, {counted(m, 'constraint')}, {counted(self.n_nodes, 'node')}"
+        return f"<NonlinearProgram {self.problem.name}: {sizes}>"
 
     @property
     def p_labels(self) -> tuple[str, ...]:

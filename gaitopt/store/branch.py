@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.display import counted
 from gaitopt.errors import StorageError
 from gaitopt.gait.branch import TERMINAL, ContinuationState, SpecialPoint, split_after
 from gaitopt.gait.gait import Gait
@@ -306,7 +307,7 @@ def _stored_solution(
     system = family.system
     n_nodes = sum(intervals for *_, intervals in state.arcs) + len(cycle.resets)
     if [*dict.fromkeys(arc[0] for arc in state.arcs)] != list(range(len(cycle.phases))):
-        raise ValueError(f"walk.arcs do not cover the {len(cycle.phases)} phases in order")
+        raise ValueError(f"walk.arcs do not cover the {counted(len(cycle.phases), 'phase')} in order")
     if {state.unknowns.size, state.direction.size} != {n_nodes * system.n_z + len(cycle.phases) + len(free)}:
         raise ValueError("walk.unknowns or walk.direction do not have the size that walk.arcs require")
     size = system.n_z + 1 + len(free)

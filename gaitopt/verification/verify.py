@@ -23,7 +23,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from gaitopt.arrays import Array
-from gaitopt.display import Tabulated
+from gaitopt.display import Tabulated, counted
 from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, floquet_multipliers, multiplier_distance, require_gait
@@ -124,7 +124,7 @@ class Verification(Tabulated):
     def __repr__(self) -> str:
         failed = [claim.name for claim in self.claims if not claim.passed]
         verdict = f"FAILED: {', '.join(failed)}" if failed else "passed"
-        return f"<Verification: {len(self.claims)} claims, {verdict}>"
+        return f"<Verification: {counted(len(self.claims), 'claim')}, {verdict}>"
 
     @property
     def passed(self) -> bool:

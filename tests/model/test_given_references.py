@@ -360,7 +360,7 @@ def test_the_gait_of_a_stored_run_can_be_followed(file: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("t,theta2\n0,0.1\n0.1\n", "swing.csv:3: 1 entry, but there are 2 columns"),
+        ("t,theta2\n0,0.1\n0.1\n", "swing.csv:3: has 1 entry, must have 2, one for each column"),
         ("# degrees\nt,theta2 [deg]\n\n0,1\n0.1,x\n", "swing.csv:5: 'x' is not a number"),
         ("t,theta2\n0,0\n0.1,1_0\n", "swing.csv:3: '1_0' is not a number"),
         ("t,theta2\n0,0\n0.1,nan\n", "swing.csv:3: theta2 = nan is not a finite number"),
@@ -391,7 +391,7 @@ def test_a_wrong_table_is_one_sentence_with_file_and_line(file: Path, content: A
 
 
 CURVE = {"bezier": {"theta2": [0, 0.1]}}
-TIME = {"duration": 1, "beyond_end": "off"}
+TIME, EMPTY = {"duration": 1, "beyond_end": "off"}, {"free": [1, 0], "guess": 0}
 FREE, HELD, OFF = {"degree": 2, "duration": 1}, {"beyond_end": "hold"}, {"beyond_end": "off"}
 FLAT = {"curve": {"degree": 2, "points": {"theta2": [0, 0, 0]}}}
 TIMED, LONG = {"t": [0, 1], "theta2": [0, 1]}, {"t": np.arange(80), "theta2": np.zeros(80)}
@@ -407,7 +407,7 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         (3, "", "give one of {constant: {JOINT: 10 deg}} or"),
         ({"constant": {"theta2": 0.1}, "gait": "x"}, "", "has both constant and gait: give one of {constant:"),
         ({"constant": {"theta2": 0.1}, "beyond_end": "hold"}, "", "beyond_end does not belong to constant, which has"),
-        ({"bezier": {"theta2": [0]}, "duration": 1, "beyond_end": "off"}, ".bezier.theta2", "has 1 control point, must"),
+        ({"bezier": {"theta2": [0]}, **TIME}, ".bezier.theta2", "has 1 control point, must have at least 2"),
         ({"bezier": {"hip": [0, 1]}, "duration": 1, "beyond_end": "off"}, ".bezier.hip", "is not a tracked joint"),
         ({"bezier": {}, "duration": 1, "beyond_end": "off"}, ".bezier", "has no curve: give the control points"),
         ({**CURVE, "beyond_end": "off"}, ".duration", "is missing: curves of time need their duration"),
@@ -425,15 +425,15 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         ({"constant": {"theta2": {"free": [0], "guess": 0}}}, ".constant.theta2.free", "has 1 entry, must have 2"),
         ({"constant": {"theta2": {"free": [0, 1]}}}, ".constant.theta2.guess", "is missing (first guess, within the"),
         ({"constant": {"theta2": {"fre": [0, 1]}}}, ".constant.theta2", "{'fre': [0, 1]} is not a number (angle of"),
-        ({"bezier": {"theta2": [0, {"free": [1, 0], "guess": 0}]}, **TIME}, ".bezier.theta2[1].free", "is empty: [1, 0]"),
-        ({"bezier": {"theta2": [0, {"free": [0, 1], "gues": 0}]}, **TIME}, ".bezier.theta2[1].gues", "mean guess?"),
+        ({"bezier": {"theta2": [0, EMPTY]}, **TIME}, ".bezier.theta2[1].free", "is empty: [1, 0] needs lo < hi"),
+        ({"constant": {"theta2": {**EMPTY, "gues": 0}}}, ".constant.theta2.gues", "unknown key; did you mean guess?"),
         ({"constant": {"theta2": {"free": [0, 3], "guess": 0}}}, ".constant.theta2", "3 is impossible: angles of"),
         ({"table": 3}, ".table", "3 is not a path of a CSV file"),
         ({"table": {"t": [0, 1], "theta2": [0]}}, ".table", "the columns differ in length (t: 2, theta2: 1)"),
         ({"table": {"t": [0, 1], "theta2": "x"}}, ".table", "the column theta2 is not a list of numbers"),
         ({"table": {"t": [0, 1], "theta2": [[0], [0, 1]]}}, ".table", "the column theta2 is not a list of numbers"),
         ({"table": {"t": [0, 1], "theta2": [0, 1]}}, ".beyond_end", "is missing: give linear, hold or off"),
-        ({"table": {"theta1": [0, 1], "theta2": [0, 1]}, "phase": "theta1"}, ".degree", "is missing: curves of a phase"),
+        ({"table": {"theta1": [0, 1], "theta2": [0, 1]}, "phase": "theta1"}, ".degree", "is missing: curves of a "),
         ({"table": TIMED, "degree": 2, **OFF}, ".degree", "2 is too large: 2 rows determine at most 1"),
         ({"table": LONG, **OFF}, ".degree", "is missing: a spline through 80 rows divides the motion at every row"),
         ({"gait": "compass-passive-b"}, ".beyond_end", "is missing: give flow, linear, hold or off, because a step"),
@@ -478,20 +478,20 @@ def test_a_wrong_reference_is_one_sentence_that_shows_the_right_form(reference: 
     [
         ({"constant": {"theta2": "x deg"}}, ".constant.theta2", "write an angle as a number in rad"),
         ({"constant": {"theta2": 2000}}, ".constant.theta2", "(angle of each tracked joint [rad], a number or an unkn"),
-        ({"bezier": {"theta2": [0, 2000]}, **TIME}, ".bezier.theta2[1]", "(control points of each curve [rad]; each is"),
+        ({"bezier": {"theta2": [0, 2000]}, **TIME}, ".bezier.theta2[1]", "(control points of each curve [rad]; "),
         ({**CURVE, "beyond_end": 3, "duration": 1}, ".beyond_end", "allowed: linear, hold, off"),
         ({**CURVE, "phase": ""}, ".phase", "(argument of the curves: clock (time since the impact), a shape coordin"),
-        ({"table": TIMED, "degree": 0, **OFF}, ".degree", "(degree of the polynomials fitted to the rows; by default a"),
+        ({"table": TIMED, "degree": 0, **OFF}, ".degree", "(degree of the polynomials fitted to the rows; by "),
         ({"table": TIMED, "phase": "", **OFF}, ".phase", "a shape coordinate or a phase variable)"),
         ({"table": TIMED, "beyond_end": "flow"}, ".beyond_end", "allowed: linear, hold, off"),
         ({**PASSIVE, "degree": 0}, ".degree", "(degree of the polynomials fitted to the gait's angles as functions"),
         ({**PASSIVE, "phase": ""}, ".phase", "a shape coordinate or a phase variable; by default the clock)"),
         ({**PASSIVE, "beyond_end": "of"}, ".beyond_end", "did you mean off?"),
         ({"curve": {"degree": 0}, **HELD}, ".curve.degree", "(degree of the curve of each joint)"),
-        ({"curve": FREE, "span": [0], **HELD}, ".span", "(values of the phase variable at the start and the end of"),
+        ({"curve": FREE, "span": 0, **HELD}, ".span", "(values of the phase variable at the start and the end of"),
     ],
 )
-def test_a_wrong_value_is_explained_by_the_kind_that_the_reference_names(reference: Any, key: str, meaning: str) -> None:
+def test_a_wrong_value_is_explained_by_the_kind_of_its_reference(reference: Any, key: str, meaning: str) -> None:
     told = refusal(with_reference, reference)
     assert f"control.reference{key}: " in told
     assert meaning in told

@@ -53,7 +53,7 @@ def test_values_are_parameters_that_can_be_set():
     [
         ("intervals: 4, bounds: {ankle: [5, -5]}", "", "bounds.ankle: [5, -5] is empty: the lower bound comes first"),
         ("intervals: 4, bounds: {knee: [-5, 5]}", "", "control.bounds.knee: no actuator is called knee"),
-        ("intervals: 4, hip: [1, 2]", "", "control.hip: 2 values, but 4 linear intervals have 5"),
+        ("intervals: 4, hip: [1, 2]", "", "control.hip: has 2 values, must have 5 for 4 linear intervals"),
         ("intervals: 0", "", "control.intervals: 0 must be at least 1"),
         ("intervals: 4, order: cubic", "", "control.order: 'cubic' is not one of the choices"),
         ("intervals: 4, order: constant, rates: {hip: 3}", "", "control.rates: limits the rate of torques"),

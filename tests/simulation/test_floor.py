@@ -194,7 +194,7 @@ def test_a_wrong_floor_is_refused_with_the_reason(make, words):
     [
         ("friction,height\n0.2,0\nice,0\n", "floor.csv, row 3, friction: 'ice' is not a number"),
         ("# tiles\n\nstatic,kinetic\n0.2,-0.1\n", "floor.csv, row 4, kinetic: -0.1 is outside of 0 to 100"),
-        ("friction,height\n0.2\n", "floor.csv, row 2: has 1 values, but there are 2 columns"),
+        ("friction,height\n0.2\n", "floor.csv, row 2: has 1 value, must have 2, one for each column"),
         ("friction\n", "floor.csv: floor: has no tile"),
         ("ice\n0.2\n", "floor.csv: columns are friction"),
         ("", "but it has nothing"),
