@@ -189,7 +189,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         references = self.targets.items()
         spans = {f"{name}.{key}": span for name, each in references for key, span in each.unknowns(walker).items()}
         gains = {} if self.step_feedback is None else self.step_feedback.free
-        return spans | {key: free.bounds for key, free in gains.items()}
+        return spans | {key: free.free for key, free in gains.items()}
 
     def guesses(self, values: Mapping[str, float], walker: WalkerType) -> dict[str, object]:
         """Dotted keys and values of a problem whose guess of the law's unknowns are the known parameters ``values``."""

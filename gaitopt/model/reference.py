@@ -84,7 +84,7 @@ def _free(points: Points) -> dict[str, Free[float]]:
 
 def _free_bounds(points: Points) -> dict[str, tuple[float, float]]:
     """Bounds of those control points that are unknowns, by key."""
-    return {key: point.bounds for key, point in _free(points).items()}
+    return {key: point.free for key, point in _free(points).items()}
 
 
 def _extremes(point: float | Free[float]) -> tuple[float, ...]:

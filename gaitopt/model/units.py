@@ -178,13 +178,8 @@ class Free(BaseModel, Generic[Value]):
         frozen=True, extra="forbid", title="Free", json_schema_extra={"description": "an unknown"}
     )
 
-    free: Annotated[tuple[Value, ...], Field(min_length=2, max_length=2, description="bounds [lo, hi] of the unknown")]
+    free: Annotated[tuple[Value, Value], Field(description="bounds [lo, hi] of the unknown")]
     guess: Annotated[Value, Field(description="first guess, within the bounds")]
-
-    @property
-    def bounds(self) -> tuple[Value, Value]:
-        """The lower and the upper bound."""
-        return self.free[0], self.free[1]
 
     @property
     def lower(self) -> Value:

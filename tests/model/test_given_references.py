@@ -422,7 +422,7 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         ({**CURVE, "phase": "theta1", "span": [0, 1], "duration": 1}, ".duration", "does not apply"),
         ({"constant": {"theta2": {"free": [1, 0], "guess": 0.5}}}, ".constant.theta2.free", "is empty: [1, 0] needs"),
         ({"constant": {"theta2": {"free": [0, 0.1], "guess": 1}}}, ".constant.theta2.guess", "1 is outside of its"),
-        ({"constant": {"theta2": {"free": [0], "guess": 0}}}, ".constant.theta2.free", "has 1 entry, must have 2"),
+        ({"constant": {"theta2": {"free": [0], "guess": 0}}}, ".constant.theta2.free[1]", "is missing (bounds"),
         ({"constant": {"theta2": {"free": [0, 1]}}}, ".constant.theta2.guess", "is missing (first guess, within the"),
         ({"constant": {"theta2": {"fre": [0, 1]}}}, ".constant.theta2", "{'fre': [0, 1]} is not a number (angle of"),
         ({"bezier": {"theta2": [0, EMPTY]}, **TIME}, ".bezier.theta2[1].free", "is empty: [1, 0] needs lo < hi"),

@@ -221,7 +221,7 @@ def test_a_wrong_gain_and_a_wrong_reference_come_at_once():
         ("hip: {free: [-1, x], guess: 0}", "11:63 control.hip.free[1]", "'x' is not a number"),
         ("hip: {free: [-1, .inf], guess: 0}", "11:63 control.hip.free[1]", "inf is not a finite number"),
         ("hip: {free: [-1, 1], guess: y}", "11:67 control.hip.guess", "'y' is not a number"),
-        ("hip: {free: [-1], guess: 0}", "11:52 control.hip.free", "has 1 entry, must have 2 (bounds [lo, hi]"),
+        ("hip: {free: [-1], guess: 0}", "11:52 control.hip.free[1]", "is missing (bounds [lo, hi] of"),
         ("hip: {free: [-1, 1]}", "11:46 control.hip.guess", "is missing"),
     ],
 )
