@@ -253,7 +253,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "foot as shape": (CompassBiped, {"shape": ("theta1", "x")}, "shape names x or y"),
     "rate as shape": (CompassBiped, {"shape": ("theta", "dtheta"), "section": ("theta",)}, "dtheta would be both"),
     "no shape": (CompassBiped, {"shape": (), "section": ()}, "shape is empty"),
-    "tracked too short": (CompassBiped, {"tracked": ("theta1",)}, "tracked has 1 entries, but actuators has 2"),
+    "tracked too short": (CompassBiped, {"tracked": ("theta1",)}, "tracked has 1 entry, but actuators has 2"),
     "one more actuator": (CompassBiped, {"actuators": ("a", "b", "c"), "tracked": ("theta1",) * 3}, "motors has 2"),
     "actuator called type": (CompassBiped, {"actuators": ("type", "hip")}, "type has another meaning"),
     **{
