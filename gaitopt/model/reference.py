@@ -304,7 +304,7 @@ class Reference(BaseModel):
         if phase and phase not in angles:
             words = f"it has {', '.join(angles)}; clock is the time since the impact"
             yield ("phase",), f"{walker.model} has no phase variable {phase!r}; {words}"
-        elif phase in walker.tracked and not self.names:
+        elif phase in walker.tracked and not self.names and "joints" in type(self).model_fields:
             words = f"name the joints that can, joints: {{JOINT: {phase}}}"
             yield ("phase",), f"{phase} cannot follow a curve that depends on it: {words}"
 
