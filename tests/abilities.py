@@ -502,8 +502,8 @@ LEAVES_FAST = (
     "faster, which is three times its rate in this gait"
 )
 OWN_COORDINATES = (
-    "forces of massless contacts with coordinates of their own do not follow from accelerations, by which the theorem "
-    "compares modes, and that their springs conserve the energy is none of its exact identities"
+    "the theorem compares modes by their accelerations, from which the forces of massless contacts with coordinates of "
+    "their own do not follow; and none of its exact identities says that the springs conserve the energy"
 )
 REASONS: Mapping[tuple[str, str], str] = {
     ("open-loop torques", "Newton"): "free torques are more unknowns than equations, so that an objective chooses them",
