@@ -256,20 +256,20 @@ def friction_effect(gait: Gait) -> dict[str, float]:
 
 
 def from_landing(gait: Gait, should_stop: Stop = None) -> Gait:
-    """The same motion with cycles from landing to landing, in which a replay begins, if feet swap within the cycle.
+    """The same motion with cycles from landing to landing, in which a replay begins, if feet swap within a step.
 
     Raises
     ------
     ProblemError
         If no gait from landing to landing is found that has the period of the gait.
     """
-    swings = gait.cycle.swings
-    if not swings[-1]:
+    swapped = gait.cycle.swapped_within
+    if not swapped:
         return gait
-    landed = [arc for step in gait.steps for arc in step.arcs][swings.index(1)]
+    landed = next(arc for arc, phase in gait.arcs_by_phase if phase == swapped[0])
     opened = gait.problem.with_fixed(gait.dynamics.parameters).replace({"gait": {"phases": "auto"}})
     dynamics = problem_dynamics(opened, should_stop=should_stop)
-    turned = solve_walk(dynamics, opened, landed.states[0], swings[-1], should_stop=should_stop)
+    turned = solve_walk(dynamics, opened, landed.states[0], len(swapped), should_stop=should_stop)
     if turned is not None and turned.period and gait.period and abs(turned.period / gait.period - 1) < SAME_PERIOD:
         return turned
     raise ProblemError(f"{gait.problem.name}: the motion of its cycle is not found from landing to landing")

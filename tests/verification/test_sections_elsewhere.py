@@ -60,6 +60,12 @@ class ApexRunner(SlipRunner):
         return replace(super().mechanism(q, p), sections=rise)
 
 
+@pytest.mark.parametrize("name", [GAIT_A, "compass-unequal", "compass-passive-two-step"])
+def test_a_gait_whose_steps_end_with_landings_is_replayed_as_it_is(name: str) -> None:
+    gait = named(name)
+    assert from_landing(gait) is gait
+
+
 def test_a_section_in_mid_stride_has_the_period_and_the_multipliers_of_the_gait() -> None:
     gait, plain = mid_stride_gait(GAIT_A), named(GAIT_A)
     assert gait.problem.section_names == ("theta2", "dtheta1", "dtheta2")
