@@ -4,6 +4,9 @@ import json
 from functools import cache
 
 import pytest
+
+pytest.importorskip("jsonschema")
+
 from jsonschema.validators import validator_for
 from samples import sampled
 
