@@ -596,7 +596,7 @@ OTHERS = [
          where=0.0),
     Case("heel-toe", "friction", 0.26, "mode_change", "walker.toe", (0.032, 0.055), index=1,
          margin="cone_backward.toe"),
-    Case("heel-toe", "friction", 0.25, "impact_change", "walker.toe", (0.038, 0.042), cuts=4,
+    Case("heel-toe", "friction", 0.25, "impact_change", "walker.toe", (0.038, 0.042),
          margin="impulse_cone_forward.swing_heel"),
     Case("heel-toe-slip", "walker.toe", 0.06, "period_doubling", "friction", (0.262, 0.268), cuts=4),
     Case("heel-toe", "friction", 0.268, "period_doubling", "walker.toe", (0.016, 0.028), changes=SHORT_TOE),
