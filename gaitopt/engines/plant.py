@@ -21,6 +21,7 @@ and when it is highest afterwards.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -35,7 +36,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import observe
-from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.gait.trajectory import Arc, swap_indices
 from gaitopt.model.buffered import buffered
 from gaitopt.model.declaration import has_links, parameter_namespace, state_mechanism
 from gaitopt.model.friction import ImpactLaw
@@ -655,16 +656,6 @@ def _window(arcs: Sequence[Arc]) -> tuple[float, float]:
     return first, begin + duration if after.max() <= 0 else float(t[scuffs[-1] + np.argmax(after)])
 
 
-def _swings(step: Step) -> list[list[Arc]]:
-    """The arcs of a step, divided where the feet swap roles within it."""
-    swings = [[step.arcs[0]]]
-    for arc in step.arcs[1:]:
-        if arc.struck is not None and arc.struck.swaps:
-            swings.append([])
-        swings[-1].append(arc)
-    return swings
-
-
 @building
 def tree_record(gait: Gait) -> dict[str, Any] | None:
     """A gait for programs that read the MJCF or URDF file of its walker; None if the walker declares no links.
@@ -692,7 +683,11 @@ def tree_record(gait: Gait) -> dict[str, Any] | None:
     position, rate = (np.asarray(v).ravel().tolist() for v in start(*at, gait.dynamics.p[: fields.numel()]))
     return {
         "start": {name: {"position": a, "rate": b} for name, a, b in zip(placed, position, rate, strict=True)},
-        "swing_contact_off": [list(_window(arcs)) for step in gait.steps for arcs in _swings(step)],
+        "swing_contact_off": [
+            list(_window(step.arcs[first:last]))
+            for step in gait.steps
+            for first, last in pairwise([0, *swap_indices(step.arcs), len(step.arcs)])
+        ],
     }
 
 

@@ -28,7 +28,7 @@ from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import observe
-from gaitopt.gait.trajectory import Step
+from gaitopt.gait.trajectory import Step, swap_indices
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.faults import shown
 from gaitopt.search.solve import solve_walk
@@ -263,10 +263,11 @@ def from_landing(gait: Gait, should_stop: Stop = None) -> Gait:
     ProblemError
         If no gait from landing to landing is found that has the period of the gait.
     """
-    swapped = gait.cycle.swapped_within
+    arcs = [arc for step in gait.steps for arc in step.arcs]
+    swapped = swap_indices(arcs)
     if not swapped:
         return gait
-    landed = next(arc for arc, phase in gait.arcs_by_phase if phase == swapped[0])
+    landed = arcs[swapped[0]]
     opened = gait.problem.with_fixed(gait.dynamics.parameters).replace({"gait": {"phases": "auto"}})
     dynamics = problem_dynamics(opened, should_stop=should_stop)
     turned = solve_walk(dynamics, opened, landed.states[0], len(swapped), should_stop=should_stop)

@@ -13,7 +13,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.shares import share_bounds
-from gaitopt.gait.trajectory import Arc, Step, along, push_work
+from gaitopt.gait.trajectory import Arc, Step, along, push_work, swap_indices
 from gaitopt.model.buffered import buffered
 from gaitopt.model.contacts import sharing_contacts
 from gaitopt.model.control import ConstantTorque, NoControl
@@ -316,7 +316,7 @@ def swings(steps: Sequence[list[tuple[Arc, Along]]]) -> list[list[tuple[Arc, Alo
     steps : the arcs of each step, each in a pair with quantities along it.
     """
     pairs = [pair for step in steps for pair in step]
-    starts = [k for k, (arc, _) in enumerate(pairs) if k and arc.struck is not None and arc.struck.swaps]
+    starts = swap_indices(arc for arc, _ in pairs)
     if not starts:
         return [*steps]
     groups = [pairs[i:k] for i, k in pairwise([0, *starts, len(pairs)])]

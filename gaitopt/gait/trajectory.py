@@ -1,6 +1,6 @@
 """Motion as data: arcs of one mode, steps that end with an impact, and trajectories of many steps."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -163,6 +163,11 @@ def push_work(dynamics: Dynamics, before: Mode, z_minus: Array) -> float:
     """Work of the push-off of the contacts on the ground, from the mode and state just before another one lands [J]."""
     system = dynamics.system
     return float(system.push(before)(z=z_minus, p=dynamics.p)["work"]) if system.walker.pushes else 0.0
+
+
+def swap_indices(arcs: Iterable[Arc]) -> list[int]:
+    """Indices of the arcs, except the first one, that begin with a landing after which the feet swap roles."""
+    return [k for k, arc in enumerate(arcs) if k and arc.struck is not None and arc.struck.swaps]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -171,19 +171,15 @@ class Cycle:
         return tuple(accumulate((len(step.phases) for step in self.steps[:-1]), initial=0))
 
     @cached_property
-    def swapped_within(self) -> tuple[int, ...]:
-        """The phases that begin where a landing within a step swaps the roles of the feet, ascending."""
-        return tuple(
-            first + k
+    def swings(self) -> tuple[int, ...]:
+        """For every phase, how often the feet have swapped roles before it, at the end of steps and within them."""
+        within = (
+            (first, k)
             for first, step in zip(self.first_phases, self.steps, strict=True)
             for k, landed in step.landings
             if landed.swaps
         )
-
-    @cached_property
-    def swings(self) -> tuple[int, ...]:
-        """For every phase, how often the feet have swapped roles before it, at the end of steps and within them."""
-        starts = {*self.first_phases[1:], *self.swapped_within}
+        starts = {*self.first_phases[1:], *(first + k for first, k in within)}
         return tuple(accumulate(phase in starts for phase in range(len(self.phases))))
 
     def step_of(self, phase: int) -> int:
