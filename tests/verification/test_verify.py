@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -14,7 +15,14 @@ from gaitopt.errors import SolveError
 from gaitopt.gait.trajectory import Arc, ImpactRecord
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import CycleOutcome, FixedPoint, ReturnMap
-from gaitopt.verification.verify import LINEARITY, MULTIPLIER_AGREEMENT, Outcome, perturbation_claim, record_claims
+from gaitopt.verification.verify import (
+    LINEARITY,
+    MULTIPLIER_AGREEMENT,
+    Outcome,
+    perturbation_claim,
+    record_claims,
+    return_map_claims,
+)
 
 Array = NDArray[np.float64]
 
@@ -193,6 +201,17 @@ def test_gait_whose_return_map_bends_strongly_passes(friction: float, slope: str
     assert gait.spectral_radius > 1
     assert failed(gait) == set()
     assert failed(scaled(gait, 1 + 1e-5)) == {"multipliers"}
+
+
+def test_an_error_of_1e_5_is_seen_however_unstable_the_cycle_is() -> None:
+    """Two steps of a gait magnify errors by 8e4; a tolerance in proportion to this would be 8e-5."""
+    gait = solved(go.load_problem("compass-passive-a").replace({"friction": 0.065, "walker.slope": 0.0376889}))
+    two_steps = ReturnMap(Simulator(gait.dynamics), gait.problem.cycle.impact, 2)
+    for error in (0, 1e-5, -1e-5):
+        twice = replace(gait, multipliers=gait.multipliers**2 * (1 + error))
+        assert twice.spectral_radius > 7e4
+        _, claim = islice(return_map_claims(twice, two_steps), 2)
+        assert (claim.name, claim.passed) == ("multipliers", error == 0)
 
 
 class Bent:
