@@ -298,7 +298,7 @@ def _explain(row: Row, folder: Path) -> None:
     why = go.explain(problem.replace(frictions), starts=1, **FEW)
     assert not why.exists
     assert why.causes
-    assert why.causes[0].words
+    assert why.causes[0].description
     if why.causes[0].what == "friction":
         assert (why.causes[0].needed or 0.0) > (why.causes[0].available or 0.0)
     for nearest in why.nearest:

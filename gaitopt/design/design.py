@@ -181,7 +181,7 @@ class _Design:
             # constraints that no gait meets may be met where a motion degenerates, which is no gait
             causes = self._conflicts(start) or (() if start is begin else self._conflicts(begin))
             if causes:
-                words = "\n".join(cause.words for cause in causes)
+                words = "\n".join(cause.description for cause in causes)
                 return self._failed(Status.INFEASIBLE, words, solver, causes, at=at)
             if gait is not None and solved:
                 return gait

@@ -168,7 +168,7 @@ def optimise(
             causes = tuple(_conflicts(_without_radius(problem), system, free, begin, should_stop))
             status = Status.INFEASIBLE if causes else status
             causes = causes or tuple(collocation.worst(result.w))
-            reasons = "\n".join(cause.words for cause in causes)
+            reasons = "\n".join(cause.description for cause in causes)
             limits = what_limits(*_labelled(collocation), result)
             message = reasons if status is Status.INFEASIBLE else ": ".join(filter(None, (message, limits, reasons)))
         return failed(found, status, message, causes)
@@ -190,11 +190,11 @@ def optimise(
         if reduction < SMALLEST_REDUCTION:
             _, place = problem.place.locate(("constraints", RADIUS))
             message = f"{place}: {RADIUS} <= {limit:g} was not met: best reached {best:.4g}"
-            cause = Cause(what=RADIUS, words=message, needed=limit, available=best)
+            cause = Cause(what=RADIUS, description=message, needed=limit, available=best)
             return failed((collocation, result), Status.NOT_CONVERGED, message, (cause,))
     vanishing = found[0].vanishing(found[1].w)
     if vanishing is not None:
-        return failed(found, Status.NOT_CONVERGED, vanishing.words, (vanishing,))
+        return failed(found, Status.NOT_CONVERGED, vanishing.description, (vanishing,))
     return _optimum(problem, found[0], found[1].w, _solver_record(found[1], iterations))
 
 
@@ -337,7 +337,7 @@ class CollocationProgram(NonlinearProgram):
         worst = int(np.argmax(np.abs(off)))
         if not abs(off[worst]) <= LARGEST_RESIDUAL:
             text = f"{self.g_labels[equal[worst]]} is off by {abs(off[worst]):.3g}"
-            cause: Cause | None = Cause(what="motion", words=text, needed=0.0, available=float(off[worst]))
+            cause: Cause | None = Cause(what="motion", description=text, needed=0.0, available=float(off[worst]))
         else:
             cause = self._violated_bound(point, p)
         if cause is not None:
@@ -468,4 +468,4 @@ def _conflicts(
             _, place = problem.place.locate(("constraints", name))
             relation = "=" if span.is_equality else RELATIONS[sign]
             words = f"{place}: {name} {relation} {bound:g} conflicts with {against}: best reached {best_value:.4g}"
-            yield Cause(what=name, words=words, needed=bound, available=best_value)
+            yield Cause(what=name, description=words, needed=bound, available=best_value)

@@ -454,7 +454,7 @@ def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -
         reason = f"conflicts with {', '.join(against)}" if against else "cannot be met by these phases near the start"
         _, place = problem.place.locate(("constraints", name))
         words = f"{place}: {name} {bound} {reason}: best reached {value:.4g}"
-        causes.append(Cause(what=name, words=words, needed=needed, available=value))
+        causes.append(Cause(what=name, description=words, needed=needed, available=value))
     return tuple(causes)
 
 

@@ -47,7 +47,7 @@ class Cause:
     Attributes
     ----------
     what : the quantity: ``friction``, ``normal_force``, ``duration``, ``touchdown``, the name of a constraint, ...
-    words : the cause as a sentence.
+    description : what is violated, as a sentence.
     phase : index of the phase, counted through all steps; None for an impact, or if the cause concerns no phase.
     step : index of the step.
     time : time since the last impact [s]; None if there is no single time.
@@ -56,7 +56,7 @@ class Cause:
     """
 
     what: str
-    words: str
+    description: str
     phase: int | None = None
     step: int = 0
     time: float | None = None
@@ -68,12 +68,12 @@ class Cause:
         """One JSON object with the keys of the command line; phases are counted from 1."""
         numbers = {"time": self.time, "needed": self.needed, "available": self.available}
         phase = None if self.phase is None else self.phase + 1
-        return {"what": self.what, "phase": phase, **numbers, "words": self.words}
+        return {"what": self.what, "phase": phase, **numbers, "words": self.description}
 
 
 def describe_causes(causes: tuple[Cause, ...] | list[Cause]) -> str:
     """The sentences of all causes in one line."""
-    return "; ".join(cause.words for cause in causes)
+    return "; ".join(cause.description for cause in causes)
 
 
 TIE_DIGITS = 10

@@ -97,7 +97,7 @@ class Explanation(Tabulated):
     complete: bool = True
 
     def __repr__(self) -> str:
-        cause = self.causes[0].words if self.causes else "the cause is unknown"
+        cause = self.causes[0].description if self.causes else "the cause is unknown"
         answer = "the gait exists" if self.exists else shorten(cause, LONGEST_CAUSE)
         return f"<Explanation of {self.problem.name}: {answer}>"
 
@@ -130,7 +130,7 @@ def explain(
     try:
         gait = solve(problem, should_stop=should_stop)
     except SolveError as error:
-        cause = Cause(what="reference", words=str(error))
+        cause = Cause(what="reference", description=str(error))
         return Explanation(problem=problem, gait=None, exists=False, causes=(cause,))
     if gait.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
@@ -139,7 +139,7 @@ def explain(
         direct = tuple(
             Cause(
                 what=claim.name,
-                words=f"the simulator disagrees: {claim.words}",
+                description=f"the simulator disagrees: {claim.words}",
                 needed=claim.tolerance,
                 available=claim.figure,
             )
@@ -208,11 +208,11 @@ def _causes(
     This is the end of the family of the file's gait along a changed parameter, or the nearest end of any family. It
     also comes first if the gait could not be followed to the problem's values.
     """
-    causes = direct or (Cause(what="search", words=gait.message),)
+    causes = direct or (Cause(what="search", description=gait.message),)
     needed, friction = least_friction(problem), problem.static_friction
     if friction < needed:
         sentence = f"friction {TOO_SLIPPERY.format(*distinguished(friction, needed))}"
-        return (Cause(what="friction", words=sentence, needed=needed, available=friction), *causes)
+        return (Cause(what="friction", description=sentence, needed=needed, available=friction), *causes)
     if not nearest:
         return causes
     table, cycle = gait.system.transitions, problem.cycle
@@ -225,7 +225,7 @@ def _causes(
     first = min(along, key=lambda n: abs(n.value - values[n.parameter]) / max(abs(n.value), abs(values[n.parameter])))
     there, here = distinguished(first.value, values[first.parameter], digits=6)
     sentence = f"{first.reason} at {first.parameter} = {there}; here it is {here}"
-    cause = Cause(what=first.type, words=sentence, needed=first.value, available=values[first.parameter])
+    cause = Cause(what=first.type, description=sentence, needed=first.value, available=values[first.parameter])
     return (cause, *causes)
 
 

@@ -387,7 +387,7 @@ class _Search:
         words = f"no control was found for {key} from {self._over.lower:g} to {self._over.upper:g}"
         found = f"the widest range with one is {widest[0]:.6g} to {widest[1]:.6g}"
         words += f"; {found if share else f'there is one for {self._own:g} alone'}. Beyond it, {reason}"
-        cause = Cause(what=self._over.key, words=words, needed=self._width, available=widest[1] - widest[0])
+        cause = Cause(what=self._over.key, description=words, needed=self._width, available=widest[1] - widest[0])
         gait = self._failed(known, Status.INFEASIBLE, words)
         return replace(gait, causes=(cause,), over=replace(_described(self._over, self._own), widest=widest))
 

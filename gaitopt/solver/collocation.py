@@ -516,7 +516,7 @@ class Collocation:
         words = f"{name.replace('_', ' ')} is {g[k]:.4g}, must be {side} {bound:.4g}"
         if name in STRUCTURAL:
             words = f"{name} of the equations of motion is off by {violation[k]:.3g}"
-        return [Cause(what=name, words=words, needed=bound, available=float(g[k]))]
+        return [Cause(what=name, description=words, needed=bound, available=float(g[k]))]
 
     def unpack(self, x: Array) -> dict[str, Array]:
         """Blocks of the unknowns by name; states have the shape (n_states, n_z)."""

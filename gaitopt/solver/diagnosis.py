@@ -51,25 +51,25 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
         return (vanishing_phase(mesh.cycle, int(short[0]), float(durations[short[0]])),)
     if not np.isfinite(refined.errors).all():
         words = "the equations are singular there: the gait is not isolated, or its motion fails"
-        return (Cause(what="equations", words=words),)
+        return (Cause(what="equations", description=words),)
     if not refined.size <= RESIDUAL_TOLERANCE:
-        return (Cause(what="equations", words=f"the equations are only satisfied to {refined.size:.2g}"),)
+        return (Cause(what="equations", description=f"the equations are only satisfied to {refined.size:.2g}"),)
     equations, n_z = refined.equations, refined.equations.system.n_z
     start, section = refined.w[:n_z], equations.system.section(mesh.cycle)
     p = equations.dynamics(refined.p, equations.unpack(refined.w).freed).p
     off = np.abs(section.lift(start[section.indices], p, start) - start) / refined.units.unknowns[:n_z]
     if not off.max() <= RESIDUAL_TOLERANCE:  # one Newton step led from the last state to the section, if it was near
         words = "not periodic: the cycle returns to a state off its section, for instance with another energy"
-        return (Cause(what="periodicity", words=words, needed=0.0, available=float(off.max())),)
+        return (Cause(what="periodicity", description=words, needed=0.0, available=float(off.max())),)
     separate = _separate_stops(refined)
     if separate is not None:
         return (separate,)
     if not refined.accurate:
         words = f"the integration is only accurate to {refined.errors.max():.2g}, even with {mesh.intervals} intervals"
-        return (Cause(what="integration", words=words),)
+        return (Cause(what="integration", description=words),)
     if not refined.in_order:
         words = "a switch has passed a breakpoint of the control: solve the problem from a guess closer to its gait"
-        return (Cause(what="breakpoint", words=words),)
+        return (Cause(what="breakpoint", description=words),)
     violated = violations(refined)
     if violated:
         return tuple(violated)
@@ -103,7 +103,7 @@ def violations(at: Solution) -> list[Cause]:
 def vanishing_phase(cycle: Cycle, phase: int, duration: float) -> Cause:
     """The cause that a phase of the mode sequence has no duration."""
     words = f"phase {phase + 1} ({cycle.phases[phase]}) vanishes: remove it from the mode sequence"
-    return Cause(what="duration", words=words, phase=phase, needed=0.0, available=duration)
+    return Cause(what="duration", description=words, phase=phase, needed=0.0, available=duration)
 
 
 def missing_event(system: HybridSystem, cycle: Cycle, phase: int, margins: Array | None = None) -> Cause:
@@ -124,7 +124,7 @@ def missing_event(system: HybridSystem, cycle: Cycle, phase: int, margins: Array
     if ending == "touchdown" and control.breakpoints and np.isinf(control.horizon):
         what, end = "reference", control.breakpoints[-1]
         words = f"{words}: the reference is too short, it ends {end:.4g} s after the impact"
-    return Cause(what=what, words=words, phase=phase, step=cycle.step_of(phase), time=end, available=end)
+    return Cause(what=what, description=words, phase=phase, step=cycle.step_of(phase), time=end, available=end)
 
 
 def largest_residual(at: Solution) -> Cause:
@@ -133,18 +133,18 @@ def largest_residual(at: Solution) -> Cause:
     relative = np.abs(residual / at.units.equalities)
     row = int(np.argmax(relative))
     if not relative[row] < DIVERGED_RESIDUAL:
-        return Cause(what="search", words="the search has diverged; start from a state closer to a gait")
+        return Cause(what="search", description="the search has diverged; start from a state closer to a gait")
     label, size = at.equations.equality_labels[row], abs(float(residual[row]))
     if label.name == "reset":
         words = f"not periodic: {label.coordinate} after the impact is off by {size:.3g}"
-        return Cause(what="periodicity", words=words, needed=0.0, available=size)
+        return Cause(what="periodicity", description=words, needed=0.0, available=size)
     assert label.phase is not None
     phase = cycle.phase_words(label.phase)
     if label.name == "defect":
         what, words = "motion", f"{phase}: the motion does not close, off by {size:.3g} in {label.coordinate}"
     else:
         what, words = "event", f"{phase}: the event that should end it is missed by {size:.3g}"
-    return Cause(what=what, words=words, phase=label.phase, needed=0.0, available=size)
+    return Cause(what=what, description=words, phase=label.phase, needed=0.0, available=size)
 
 
 def _separate_stops(at: Solution) -> Cause | None:
@@ -165,7 +165,7 @@ def _separate_stops(at: Solution) -> Cause | None:
             if abs(speed) > RESIDUAL_TOLERANCE * dynamics.scales.speed:
                 words = f"{cycle.phase_words(phase)}: where {names[0]} comes to rest, {name} has the velocity"
                 words = f"{words} {speed:.4g} m/s in its direction: state the phase in between"
-                return Cause(what="slip_velocity", words=words, phase=phase, step=cycle.step_of(phase), time=time,
+                return Cause(what="slip_velocity", description=words, phase=phase, step=cycle.step_of(phase), time=time,
                              needed=0.0, available=speed)  # fmt: skip
     return None
 
@@ -185,7 +185,7 @@ def _impossible_motion(at: Solution) -> Cause | None:
 
     def cause(name: str, phase: int, time: float) -> Cause:
         words = f"{margin(name).lost}, about {time:.4f} s after the impact"
-        return Cause(what=name, words=words, phase=phase, step=cycle.step_of(phase), time=time)
+        return Cause(what=name, description=words, phase=phase, step=cycle.step_of(phase), time=time)
 
     for index, arc in enumerate(equations.mesh.arcs):
         times, states = equations.sample(at.w, at.p, index, SAMPLES)
@@ -234,7 +234,7 @@ def _lands_from_below(at: Solution) -> Cause | None:
             foot = equations.system.walker.called(reset.of)
             words = f"{foot} touches the ground from below, {times[-1]:.4f} s after the impact"
             return Cause(
-                what="landing", words=f"{words}: its normal velocity is {approach:.4g} m/s", phase=phase,
+                what="landing", description=f"{words}: its normal velocity is {approach:.4g} m/s", phase=phase,
                 step=cycle.step_of(phase), time=float(times[-1]), needed=0.0, available=approach,
             )  # fmt: skip
     return None
@@ -249,7 +249,7 @@ def _law_ends(at: Solution) -> Cause | None:
         if time > horizon:
             words = f"the control law ends {horizon:.4g} s after the impact, but the step takes at least {time:.4g} s"
             return Cause(
-                what="control", words=words, phase=phase, step=step, time=horizon, needed=time, available=horizon
+                what="control", description=words, phase=phase, step=step, time=horizon, needed=time, available=horizon
             )
     return None
 
@@ -270,7 +270,7 @@ def _turning_phase(at: Solution) -> Cause | None:
         if turns.size or bool(rates[SAMPLES // 2] > 0) is not forward:
             time = float(times[0] + (turns[0] + 1) / 2 * (times[-1] - times[0])) if turns.size else float(times[0])
             words = f"the phase variable {name} is not monotone: it turns back {time:.4f} s after the impact"
-            return Cause(what="phase", words=words, phase=arc.phase, step=cycle.step_of(arc.phase), time=time)
+            return Cause(what="phase", description=words, phase=arc.phase, step=cycle.step_of(arc.phase), time=time)
     return None
 
 
@@ -321,7 +321,7 @@ def _duration_violations(at: Solution) -> Iterator[Cause]:
         if value < 0:
             words = f"{cycle.phase_words(phase)}: its duration is {value:.4g} s, so it does not take place"
             severity = float(-value / abs(durations.sum()))
-            yield Cause(what="duration", words=words, phase=phase, needed=0.0, available=value, severity=severity)
+            yield Cause(what="duration", description=words, phase=phase, needed=0.0, available=value, severity=severity)
 
 
 def _cause(what: str, words: str, at: Solution, label: Label, **numbers: float) -> Cause:
@@ -335,4 +335,4 @@ def _cause(what: str, words: str, at: Solution, label: Label, **numbers: float) 
         when = "impact" if len(mesh.cycle.steps) == 1 else f"impact of step {label.step + 1}"
     else:
         when = f"{mesh.cycle.phase_words(label.phase)}, t = {time:.4f} s"
-    return Cause(what=what, words=f"{when}: {words}", phase=label.phase, step=label.step, time=time, **numbers)
+    return Cause(what=what, description=f"{when}: {words}", phase=label.phase, step=label.step, time=time, **numbers)

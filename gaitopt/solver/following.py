@@ -191,7 +191,7 @@ def _end_of_family(last: _PathPoint) -> Cause:
         vanishing = np.flatnonzero(durations < VANISHING_DISTANCE * rates)
         if vanishing.size:
             return vanishing_phase(equations.mesh.cycle, int(vanishing[0]), float(durations[vanishing[0]]))
-    return Cause(what="fold", words="Newton's method follows it no further; it turns back, or its motion fails")
+    return Cause(what="fold", description="Newton's method follows it no further; it turns back, or its motion fails")
 
 
 class Family:

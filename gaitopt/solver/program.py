@@ -194,7 +194,7 @@ class NonlinearProgram(Plotted, Program, ABC):
                 status=Status.NOT_CONVERGED,
                 message=message,
                 solver={"method": EXTERNAL},
-                causes=(Cause(what="point", words=message),),
+                causes=(Cause(what="point", description=message),),
             )
         return self._gait(problem, self._checked(point), values)
 
@@ -213,7 +213,7 @@ class NonlinearProgram(Plotted, Program, ABC):
             return None
         side = "at least" if values[row] < bound else "at most"
         text = f"{label.name} is {values[row]:.6g}, must be {side} {bound:.6g}"
-        return Cause(what=label.name, words=text, needed=bound, available=float(values[row]))
+        return Cause(what=label.name, description=text, needed=bound, available=float(values[row]))
 
     @cached_property
     @building
@@ -281,7 +281,7 @@ class ShootingProgram(NonlinearProgram):
                 "a switch passes a breakpoint of the control on the way from the start to this point; state "
                 f"gait.guess.durations: {[float(f'{duration:.4g}') for duration in at.durations]} and solve again"
             )
-            return failed_gait(problem, at, (Cause(what="reference", words=remedy),), solver)
+            return failed_gait(problem, at, (Cause(what="reference", description=remedy),), solver)
         gait = checked_gait(problem, at, solver)
         if not (gait.converged and problem.objective):
             return gait

@@ -94,7 +94,7 @@ def _solve(
 ) -> Gait:
     dynamics, cycle, began = Dynamics.of(system, problem.parameters), problem.cycle, time.perf_counter()
     if lacks_energy(problem):
-        cause = Cause(what="energy", words=NO_ENERGY)
+        cause = Cause(what="energy", description=NO_ENERGY)
         return Gait(problem=problem, dynamics=dynamics, status=Status.INFEASIBLE, message=NO_ENERGY, causes=(cause,))
 
     if problem.guess.first is not None and method is not Method.NEWTON:
@@ -121,7 +121,7 @@ def _solve(
     if stiff is not None:
         solver = search_record(method if method is Method.IPOPT else Method.NEWTON, 0, began)
         return Gait(
-            problem=problem, dynamics=dynamics, status=Status.NOT_CONVERGED, message=stiff.words, solver=solver,
+            problem=problem, dynamics=dynamics, status=Status.NOT_CONVERGED, message=stiff.description, solver=solver,
             causes=(stiff,),
         )  # fmt: skip
     start, solution = _search(begin, ipopt)
@@ -172,7 +172,7 @@ def _newton_gait(
     if failure is None:
         assert guess.endless is not None
         cause = _missing_event(guess, guess.endless)
-        failure = failed(Status.NOT_CONVERGED, f"{cause.words}; {OTHER_METHODS}", causes=(cause,))
+        failure = failed(Status.NOT_CONVERGED, f"{cause.description}; {OTHER_METHODS}", causes=(cause,))
     return failure
 
 
@@ -184,7 +184,7 @@ def _first_gait(problem: Problem, dynamics: Dynamics, began: float, progress: Va
     solver = search_record(Method.IPOPT, end.iterations, began)
     if found is not None:
         return checked_gait(problem, found, solver)
-    message, causes = "; ".join((end.words, *(cause.words for cause in worst))), tuple(worst)
+    message, causes = "; ".join((end.words, *(cause.description for cause in worst))), tuple(worst)
     return Gait(problem=problem, dynamics=dynamics, status=end.status, message=message, solver=solver, causes=causes)
 
 
@@ -230,7 +230,7 @@ def _too_stiff(start: Solution) -> Cause | None:
         f"intervals, and {MOST_INTERVALS} are searched at most; check the units of the gains, or guess the state "
         "of the gait to five digits"
     )
-    return Cause(what="integration", words=text, needed=float(MOST_INTERVALS), available=needed)
+    return Cause(what="integration", description=text, needed=float(MOST_INTERVALS), available=needed)
 
 
 def _missing_event(guess: Rollout, phase: int) -> Cause:
@@ -294,5 +294,5 @@ def _foot_below_ground(guess: Rollout) -> Cause | None:
                 f"{cycle.phase_words(phase)}: at the landing of the guess, {time:.4g} s after the impact, {foot} is "
                 f"below the ground, which it reaches about {passed:.4g} s after the impact; guess a shorter step"
             )
-            return Cause(what=ending, words=words, phase=phase, step=cycle.step_of(phase), time=float(passed))
+            return Cause(what=ending, description=words, phase=phase, step=cycle.step_of(phase), time=float(passed))
     return None

@@ -63,7 +63,9 @@ def test_every_result_prints_in_one_line(everything, branch):
 
 def test_answers_print_in_one_line_and_report_in_words():
     problem = named(WHEEL).problem
-    why = Explanation(problem=problem, gait=None, exists=False, causes=(Cause(what="search", words="needs more"),))
+    why = Explanation(
+        problem=problem, gait=None, exists=False, causes=(Cause(what="search", description="needs more"),)
+    )
     assert repr(why) == f"<Explanation of {WHEEL}: needs more>"
     assert "needs more" in why._repr_html_()
     pytest.importorskip("flint")

@@ -55,7 +55,7 @@ def test_constraints_that_are_met_up_to_rounding_or_in_a_search_that_failed_conf
 def test_a_missed_bound_is_named_with_what_was_reached(span, reached, words, needed):
     (cause,) = conflicts(*elastic({"speed": span}, {"speed": reached}), solved())
     assert (cause.what, cause.needed, cause.available) == ("speed", needed, reached)
-    assert f"{words} cannot be met by these phases near the start: best reached {reached:g}" in cause.words
+    assert f"{words} cannot be met by these phases near the start: best reached {reached:g}" in cause.description
 
 
 def test_what_presses_against_the_search_is_named_and_what_does_not_is_not():
@@ -63,13 +63,13 @@ def test_what_presses_against_the_search_is_named_and_what_does_not_is_not():
     reached = {"speed": 0.7, "peak_torque": 2.0}
     (cause,) = conflicts(*elastic(limits, reached, at_bound=1.0, against=0.1, margin=-1.0), solved())
     obstacles = "control.ankle <= 0.8, row 1 of the margins, peak_torque <= 2"
-    assert f"speed >= 0.8 conflicts with {obstacles}: best reached 0.7" in cause.words
+    assert f"speed >= 0.8 conflicts with {obstacles}: best reached 0.7" in cause.description
     (calm,) = conflicts(
         *elastic(limits, reached, at_bound=SMALLEST_MULTIPLIER / 2, against=SMALLEST_MULTIPLIER / 2), solved()
     )
-    assert "conflicts with" not in calm.words
+    assert "conflicts with" not in calm.description
     (below,) = conflicts(*elastic(SPEED, {"speed": 0.7}, at_bound=-1.0), solved())
-    assert "conflicts with control.ankle >= 0.8" in below.words
+    assert "conflicts with control.ankle >= 0.8" in below.description
 
 
 @pytest.mark.parametrize(

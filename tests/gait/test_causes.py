@@ -77,7 +77,7 @@ def test_on_the_moon_the_reference_is_too_short_for_the_step(beyond_end):
     cause = solve(load_problem("compass-pd-impact-slip").replace(overrides)).causes[0]
     assert cause.what == "reference"
     assert cause.available == pytest.approx(solve(load_problem("compass-passive-b")).period, abs=1e-9)
-    assert "the reference is too short" in cause.words
+    assert "the reference is too short" in cause.description
 
 
 def test_sticking_and_a_sticking_impact_may_both_lack_friction():
@@ -86,7 +86,7 @@ def test_sticking_and_a_sticking_impact_may_both_lack_friction():
     assert (impact["what"], impact["phase"]) == ("friction", None)
     assert impact["needed"] == pytest.approx(0.2374, abs=1e-4)
     assert solve(load_problem("rimless-wheel-stick")).causes == ()
-    record = Cause(what="search", words="nothing").to_record()
+    record = Cause(what="search", description="nothing").to_record()
     assert {key for key, value in record.items() if value is None} == {"phase", "time", "needed", "available"}
 
 

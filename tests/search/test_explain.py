@@ -54,7 +54,7 @@ def test_conditions_and_the_end_of_the_family_are_told_before_the_search():
     explanation = explain(heavy, seconds=0.0, found=told.append, progress=False)
     assert not explanation.complete
     assert not explanation.to_record()["complete"]
-    assert "needs friction 0.2127, has 0.2" in told[0].causes[0].words
+    assert "needs friction 0.2127, has 0.2" in told[0].causes[0].description
     assert [(n.parameter, round(n.value, 6)) for n in told[0].nearest] == [("walker.hip_mass", 14.896175)]
     assert explanation.nearest == told[0].nearest
 
@@ -105,7 +105,7 @@ def test_an_event_that_does_not_happen_is_listed_after_the_value_at_which_it_beg
     problem = load_problem("rimless-wheel-slip").replace({"friction": 1.2}).from_guess()
     first, second = explain(problem, starts=1).causes
     assert (first.what, second.what) == ("mode_change", "cone_forward")
-    assert "has no end" in second.words
+    assert "has no end" in second.description
 
 
 @pytest.mark.slow

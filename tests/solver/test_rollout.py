@@ -74,7 +74,7 @@ def test_failures_are_told_in_words_of_the_walk(name, overrides, words):
 def test_a_phase_of_the_guess_that_does_not_end_is_told_with_what_it_waits_for():
     slip_then_stick = Cycle.of_one_step((Mode.SLIP_FORWARD, Mode.STICK, Mode.SLIP_BACKWARD), Mode.STICK)
     compass = HybridSystem(CompassBiped, NoControl())
-    words = [missing_event(compass, slip_then_stick, phase).words for phase in range(3)]
+    words = [missing_event(compass, slip_then_stick, phase).description for phase in range(3)]
     assert words[0].endswith("phase 1 (slip_forward) has no end: from the guess, " + MARGINS["slip_velocity"].absent)
     assert words[1].endswith("phase 2 (stick) has no end: from the guess, " + MARGINS["cone_backward"].absent)
     assert words[2].endswith("phase 3 (slip_backward) has no end: from the guess, " + MARGINS["touchdown"].absent)

@@ -82,4 +82,4 @@ def test_a_phase_that_vanishes_never_has_a_negative_duration():
         at = Solution(equations, equations.pack(nodes, np.array([duration, 0.6, 0.1])), gait.p)
         first = assemble_steps(at)[0].phases[0][1]
         assert first == (0 if duration > -1e-10 else pytest.approx(duration))
-        assert any("duration is -0.0001 s" in cause.words for cause in violations(at)) == (first < 0)
+        assert any("duration is -0.0001 s" in cause.description for cause in violations(at)) == (first < 0)
