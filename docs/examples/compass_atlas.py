@@ -17,7 +17,7 @@ if __name__ == "__main__":  # the branches are computed in several processes
     assert abs(friction - 0.145018608) < 1e-8
     assert abs(degrees(slope) - 2.248926926) < 1e-8
     largest = atlas.arrangement.regions[0]
-    assert (largest.words, largest.unstable) == ("stick; stick", 0)
+    assert (largest.modes, largest.unstable) == ("stick; stick", 0)
     assert abs(largest.area / atlas.area - 0.40) < 0.005
     assert abs(sum(region.area for region in atlas.arrangement.regions) / atlas.area - 1) < 1e-9
 

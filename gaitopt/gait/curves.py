@@ -20,10 +20,10 @@ COUNTS = (33, 65, 129, 257)
 RESOLVED = 1e-12
 """An arc is resolved if its last Chebyshev coefficients (see ``tail``) are below this, the rounding of its states."""
 SHORT_ARC = 1e-4
-"""Arcs shorter than this part of the step are skipped, because their curves consist of rounding errors."""
+"""Arcs shorter than this fraction of the step are skipped, because their curves consist of rounding errors."""
 RISEN = 1e-3
-"""A margin has risen once it exceeds this part of its largest value. The threshold is not zero because a margin beside
-a phase of almost no duration does not start exactly at zero."""
+"""A margin has risen once it exceeds this fraction of its largest value. The threshold is not zero because a margin
+beside a phase of almost no duration does not start exactly at zero."""
 
 
 @lru_cache(maxsize=32)
@@ -203,7 +203,7 @@ def minima_after_rise(
     ----------
     times : times of each arc of a step, at its Chebyshev points [s].
     values : values of the margin at these points, in natural units.
-    level : value above which the margin has risen; None for the part ``RISEN`` of its largest value. If a level is
+    level : value above which the margin has risen; None for the fraction ``RISEN`` of its largest value. If a level is
         given, a margin that starts at zero and rises at once counts as risen, however short the rise.
     """
     risen, rises_at_once = False, level is not None

@@ -29,9 +29,9 @@ ENDS = np.array([-1.0, 1.0])
 ON_THE_SPOT = 1e-9
 """A walker whose cycle is shorter than this has not moved, in leg lengths."""
 AT_LIMIT = 1e-6
-"""An optimum may exceed the limit of an angle by this [rad], and that of a torque by this part of the limit."""
+"""An optimum may exceed the limit of an angle by this [rad], and that of a torque by this fraction of the limit."""
 WITHOUT_FORCE = 1e-9
-"""A contact force below this part of the largest one counts as zero. The spring force of a massless leg is zero at
+"""A contact force below this fraction of the largest one counts as zero. The spring force of a massless leg is zero at
 touchdown and lift-off."""
 
 

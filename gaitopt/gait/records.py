@@ -470,7 +470,7 @@ Values = Annotated[dict[Word, Number], Len(2, 2)]
 
 
 class TracePointRecord(GaitRecord):
-    """A point of a curve in two parameters: its gait and its place."""
+    """A point of a curve in two parameters: its gait and its position on the curve."""
 
     record: Literal["point"]
     curve: Count
@@ -773,7 +773,7 @@ class CandidateRecord(TypedDict):
 
 
 class SearchRecord(TypedDict):
-    """The candidates of one part of a search, and the number of its starts."""
+    """The candidates that one job of a search found, and the number of its starts."""
 
     method: Word
     starts: Count
@@ -781,7 +781,7 @@ class SearchRecord(TypedDict):
 
 
 class PartRecord(SearchRecord):
-    """A line of the file of a search: a part with its key."""
+    """A line of the file of a search: the record of a job, and the key of the job."""
 
     part: Word
 
@@ -789,7 +789,7 @@ class PartRecord(SearchRecord):
 def first_fault(error: ValidationError) -> str:
     """Key and message of the first fault of a record, without the value, which may be huge or unprintable."""
     first = error.errors(include_input=False, include_url=False)[0]
-    key = ".".join(str(part) for part in first["loc"])[:LONGEST_KEY]
+    key = ".".join(str(name) for name in first["loc"])[:LONGEST_KEY]
     return f"{key}: {first['msg']}" if key else first["msg"]
 
 

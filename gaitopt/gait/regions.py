@@ -37,7 +37,7 @@ PARALLEL = 1e-6
 """Relative difference of slopes below which tangents are parallel, so that they do not determine where curves meet."""
 ON_CURVE = 2e-3
 """Largest distance of a point of a curve from its trace, relative to the ranges; chords are closer to their arcs."""
-SAME_PLACE = 1e-5
+SAME_POINT = 1e-5
 """Distance, relative to the ranges, below which two codimension-two points are the same."""
 EDGE = 0.02
 """Smallest distance of an estimated meeting from a branch, relative to the distance of the two branches around it."""
@@ -57,23 +57,23 @@ NO_GAIT, UNKNOWN = "no gait", "unknown"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Segment:
-    """Part of a branch with one mode sequence and stability.
+    """Gaits of a branch between two special points, with one mode sequence and stability.
 
     Attributes
     ----------
-    words : the mode sequence.
+    modes : the mode sequence.
     unstable : number of multipliers outside the unit circle.
     points : records of its gaits in the order of the branch, each with ``value``, its first parameter.
     """
 
-    words: str
+    modes: str
     unstable: int
     points: Sequence[Record]
 
     @property
     def label(self) -> tuple[str, int]:
         """Mode sequence and number of unstable multipliers."""
-        return self.words, self.unstable
+        return self.modes, self.unstable
 
     @property
     def length(self) -> float:
@@ -111,7 +111,7 @@ class Slice:
     def from_record(cls, record: Record) -> "Slice":
         """The slice from its record, as a job of an atlas has stored it."""
         segments = tuple(
-            Segment(words=str(Cycle.from_record(points[0])), unstable=unstable_count(points), points=points)
+            Segment(modes=str(Cycle.from_record(points[0])), unstable=unstable_count(points), points=points)
             for points in record["segments"]
         )
         return cls(
@@ -211,18 +211,18 @@ class Region:
 
     Attributes
     ----------
-    words : the mode sequence, ``no gait`` or ``unknown``.
+    modes : the mode sequence, ``no gait`` or ``unknown``.
     unstable : number of multipliers outside the unit circle; None without a gait.
     sheet : number of its sheet; -1 without a gait.
     pieces : polygons, one per pair of neighbouring branches; shape (n, 2) each.
-    places : numbers of the branches and segments in it.
+    segments : its segments, each by the number of its branch and its own number there.
     """
 
-    words: str
+    modes: str
     unstable: int | None
     sheet: int
     pieces: tuple[Array, ...]
-    places: tuple[tuple[int, int], ...] = ()
+    segments: tuple[tuple[int, int], ...] = ()
 
     @property
     def area(self) -> float:
@@ -232,7 +232,7 @@ class Region:
 
 @dataclass(frozen=True, kw_only=True)
 class Arrangement:
-    """Regions, curves, codimension-two points, and all places where curves meet, also at a bound of the range."""
+    """Regions, curves, codimension-two points, and all points where curves meet, also at a bound of the range."""
 
     regions: tuple[Region, ...] = ()
     curves: tuple[Curve, ...] = ()
@@ -248,7 +248,7 @@ class Traced:
     ----------
     type : type of the special point from which it was traced.
     points : ndarray, shape (n, 2) - along the curve, in both parameters.
-    specials : types and places of the codimension-two points that were located on it.
+    specials : the codimension-two points that were located on it: type, and both parameters.
     steps : number of steps of its cycles.
     """
 
@@ -257,17 +257,17 @@ class Traced:
     specials: tuple[tuple[str, tuple[float, float]], ...]
     steps: int = 1
 
-    def covers(self, kind: str, place: Sequence[float], sizes: Array) -> bool:
+    def covers(self, kind: str, point: Sequence[float], sizes: Array) -> bool:
         """Whether a special point lies on it, up to the distance of a chord from its arc."""
-        return alike(kind, self.type) and _position(place, self.points, sizes)[0] < ON_CURVE
+        return alike(kind, self.type) and _position(point, self.points, sizes)[0] < ON_CURVE
 
     @property
     def runs(self) -> list[Array]:
-        """The parts of the curve on which the second parameter is monotone, each ascending."""
+        """The pieces of the curve on which the second parameter is monotone, each ascending."""
         steps = np.sign(np.diff(self.points[:, 1]))
         cuts = [0, *(np.flatnonzero(np.diff(steps)) + 1), len(self.points) - 1]
-        parts = [self.points[first : last + 1] for first, last in pairwise(cuts)]
-        return [part if part[0, 1] < part[-1, 1] else part[::-1] for part in parts if len(part) > 1]
+        pieces = [self.points[first : last + 1] for first, last in pairwise(cuts)]
+        return [piece if piece[0, 1] < piece[-1, 1] else piece[::-1] for piece in pieces if len(piece) > 1]
 
 
 def ordered(slices: Iterable[Slice]) -> list[Slice]:
@@ -301,13 +301,13 @@ def families(slices: Sequence[Slice]) -> list[list[Slice]]:
                 if any(i == j and slices[j].specials[k]["value"] == origin for i, k in chain):
                     begun.setdefault(number, []).append((j, doubled))
     for known in begun.values():
-        parts: list[list[Slice]] = [[]]
+        neighbours: list[list[Slice]] = [[]]
         for n, (j, doubled) in enumerate(known):
             if n and j != known[n - 1][0] + 1:
-                parts.append([])
-            parts[-1].append(doubled)
-        for part in parts:
-            found += families(part)
+                neighbours.append([])
+            neighbours[-1].append(doubled)
+        for family in neighbours:
+            found += families(family)
     return found
 
 
@@ -320,35 +320,35 @@ def curves_between(slices: Sequence[Slice]) -> list[list[Node]]:
 def open_gaps(slices: Sequence[Slice], traces: Sequence[Traced], span: tuple[float, float]) -> list[int]:
     """Numbers of the slices that differ from the next one by more than the traces explain.
 
-    Between the two, curves meet at a place that no trace has located, or a trace lies there between two of its
+    Between the two, curves meet at a point that no trace has located, or a trace lies there between two of its
     codimension-two points or as a whole.
     """
     arrangement, values = _arranged(slices, span, traces), [each.value for each in slices]
     gaps = {int(np.searchsorted(values, j.values[1])) - 1 for j in arrangement.meetings if j.within}
     sizes = np.array([span[1] - span[0], values[-1] - values[0]])
     for trace in (trace for trace in traces if trace.steps == slices[0].steps):
-        places = _distinct([place for name, place in trace.specials if name not in PASSED], sizes)
-        edge, b = SAME_PLACE * sizes[1], trace.points[:, 1]
+        points = _distinct([point for name, point in trace.specials if name not in PASSED], sizes)
+        edge, b = SAME_POINT * sizes[1], trace.points[:, 1]
         for j, (low, high) in enumerate(pairwise(values)):
             hidden = low + edge < b.min() and b.max() < high - edge
-            if hidden or sum(low < b < high for _, b in places) > 1:
+            if hidden or sum(low < b < high for _, b in points) > 1:
                 gaps.add(j)
     return sorted(gaps)
 
 
-def _distinct(places: Iterable[tuple[float, float]], sizes: Array) -> list[tuple[float, float]]:
-    """Places without those that are the same as earlier ones."""
+def _distinct(points: Iterable[tuple[float, float]], sizes: Array) -> list[tuple[float, float]]:
+    """Points without those that are the same as earlier ones."""
     found = list[tuple[float, float]]()
-    for place in places:
-        if all(np.abs((np.array(place) - other) / sizes).max() > SAME_PLACE for other in found):
-            found.append(place)
+    for point in points:
+        if all(np.abs((np.array(point) - other) / sizes).max() > SAME_POINT for other in found):
+            found.append(point)
     return found
 
 
 def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence[Traced] = ()) -> Arrangement:
     """Regions, curves and junctions of a family and of the families of doubled gaits that begin on it.
 
-    The numbers of slices in ``Region.places`` are those of all ``families`` in a row.
+    The numbers of slices in ``Region.segments`` are those of all ``families`` in a row.
 
     Parameters
     ----------
@@ -356,16 +356,16 @@ def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence
     span : range of the first parameter.
     traces : the traced curves of special points.
     """
-    parts, count, sheets = list[Arrangement](), 0, 0
+    arranged, count, sheets = list[Arrangement](), 0, 0
     for family in families(slices):
         own = [trace for trace in traces if trace.steps == family[0].steps or not family[0].steps]
-        parts.append(_arranged(family, span, own, count, sheets))
-        count, sheets = count + len(family), 1 + max((r.sheet for r in parts[-1].regions), default=sheets - 1)
+        arranged.append(_arranged(family, span, own, count, sheets))
+        count, sheets = count + len(family), 1 + max((r.sheet for r in arranged[-1].regions), default=sheets - 1)
     return Arrangement(
-        regions=tuple(region for part in parts for region in part.regions),
-        curves=tuple(curve for part in parts for curve in part.curves),
-        junctions=tuple(junction for part in parts for junction in part.junctions),
-        meetings=tuple(meeting for part in parts for meeting in part.meetings),
+        regions=tuple(region for each in arranged for region in each.regions),
+        curves=tuple(curve for each in arranged for curve in each.curves),
+        junctions=tuple(junction for each in arranged for junction in each.junctions),
+        meetings=tuple(meeting for each in arranged for meeting in each.meetings),
     )
 
 
@@ -374,10 +374,10 @@ def _arranged(
 ) -> Arrangement:
     """Regions, curves and junctions of one family; earlier families have ``count`` slices and ``sheets`` sheets."""
     links, meetings, matched = _linked(slices)
-    places = [(j, i) for j, each in enumerate(slices) for i in range(len(each.segments))]
+    segments = [(j, i) for j, each in enumerate(slices) for i in range(len(each.segments))]
     joined = [((j, s), (j + 1, t)) for j, pairs in enumerate(matched) for s, t in pairs]
-    straight = [((j, i - 1), (j, i)) for j, i in places if i and not slices[j].turns(i)]
-    region_of, sheet_numbers = _classes(places, joined), _classes(places, [*joined, *straight])
+    straight = [((j, i - 1), (j, i)) for j, i in segments if i and not slices[j].turns(i)]
+    region_of, sheet_numbers = _classes(segments, joined), _classes(segments, [*joined, *straight])
 
     def sheet_of(j: int, k: int) -> int:
         """Sheet of a special point; of a fold, that of the segment before it."""
@@ -386,7 +386,7 @@ def _arranged(
     sizes = np.array([span[1] - span[0], slices[-1].value - slices[0].value or 1.0])
     links, meetings, tails = _explained(slices, links, meetings, traces, sizes)
     chains = list(_chains(slices, links))
-    met = [_meeting_place(slices, chains, meeting) for meeting in meetings]
+    met = [_meeting_point(slices, chains, meeting) for meeting in meetings]
     met = [
         replace(at, values=(float(np.clip(at.values[0], *span)), at.values[1]), sheet=sheet_of(*meeting.nodes[0]))
         for meeting, at in zip(meetings, met, strict=True)
@@ -407,33 +407,33 @@ def _arranged(
             curves.append(replace(curve, sheet=sheet_of(*chain[0])))
     paths |= tails
     pieces: dict[int, list[Array]] = {number: [] for number in region_of.values()}
-    for place, polygon in _polygons(slices, matched, links, paths):
-        pieces[region_of[place]].append(polygon)
+    for (j, i), polygon in _polygons(slices, matched, links, paths):
+        pieces[region_of[j, i]].append(polygon)
     found = list[Region]()
     for number, polygons in pieces.items():
-        inside = [place for place in places if region_of[place] == number]
+        inside = [(j, i) for j, i in segments if region_of[j, i] == number]
         j, i = inside[0]
         segment, numbers = slices[j].segments[i], tuple((j + count, i) for j, i in inside)
         found.append(
             Region(
-                words=segment.words,
+                modes=segment.modes,
                 unstable=segment.unstable,
                 sheet=sheets + sheet_numbers[j, i],
                 pieces=tuple(polygons),
-                places=numbers,
+                segments=numbers,
             )
         )
     junctions = [junction for junction in met if junction.name]
     for trace in traces:
-        covered = (c.sheet for c in curves if any(trace.covers(c.type, place, sizes) for place in c.located.tolist()))
+        covered = (c.sheet for c in curves if any(trace.covers(c.type, point, sizes) for point in c.located.tolist()))
         sheet = next(covered, None)
         if sheet is None:  # between two branches
             sheet, empty = sheets, np.empty((0, 2))
             curves.append(Curve(type=trace.type, points=trace.points, located=empty, records=(), sheet=sheet))
-        for name, spot in trace.specials:
-            apart = (np.abs((np.array(junction.values) - spot) / sizes).max() for junction in junctions)
-            if min(apart, default=np.inf) > SAME_PLACE:
-                junctions.append(Junction(name=name, values=spot, types=(trace.type,), within=0.0, sheet=sheet))
+        for name, point in trace.specials:
+            apart = (np.abs((np.array(junction.values) - point) / sizes).max() for junction in junctions)
+            if min(apart, default=np.inf) > SAME_POINT:
+                junctions.append(Junction(name=name, values=point, types=(trace.type,), within=0.0, sheet=sheet))
     return Arrangement(
         regions=(
             *sorted(found, key=lambda region: -region.area),
@@ -452,14 +452,14 @@ def _drawn(
     traces: Sequence[Traced],
     sizes: Array,
 ) -> tuple[Curve, dict[tuple[Node, bool], Array]]:
-    """A curve, and its parts from each special point upwards and downwards to the next one or to its end."""
-    kind, places = type_of(slices[chain[0][0]].specials[chain[0][1]]), [_place(slices, node) for node in chain]
-    known = [place for place in (ends[0], *places, ends[1]) if place is not None]
+    """A curve, and its pieces from each special point upwards and downwards to the next one or to its end."""
+    kind, located = type_of(slices[chain[0][0]].specials[chain[0][1]]), [_point(slices, node) for node in chain]
+    known = [point for point in (ends[0], *located, ends[1]) if point is not None]
     runs = (run for trace in traces if alike(kind, trace.type) for run in trace.runs)
-    covering = (run for run in runs if all(_position(place, run, sizes)[0] < ON_CURVE for place in places))
+    covering = (run for run in runs if all(_position(point, run, sizes)[0] < ON_CURVE for point in located))
     inner = next(covering, np.empty((0, 2)))
     apart = np.abs(np.subtract.outer(inner[:, 1], [b for _, b in known])).min(axis=1, initial=np.inf)
-    inner = inner[(inner[:, 1] > known[0][1]) & (inner[:, 1] < known[-1][1]) & (apart > SAME_PLACE * sizes[1])]
+    inner = inner[(inner[:, 1] > known[0][1]) & (inner[:, 1] < known[-1][1]) & (apart > SAME_POINT * sizes[1])]
     between = _smooth(np.concatenate([np.array(known), inner]))
     pieces = [between(first[1], last[1]) for first, last in pairwise(known)]
     paths = dict[tuple[Node, bool], Array]()
@@ -470,7 +470,7 @@ def _drawn(
             paths[node, True] = pieces[index]
     points = np.concatenate([*(piece[:-1] for piece in pieces), np.array(known[-1:])])
     records = tuple(slices[j].specials[k] for j, k in chain)
-    return Curve(type=kind, points=points, located=np.array(places), records=records, sheet=0), paths
+    return Curve(type=kind, points=points, located=np.array(located), records=records, sheet=0), paths
 
 
 def _smooth(known: Array) -> Callable[[float, float], Array]:
@@ -482,8 +482,8 @@ def _smooth(known: Array) -> Callable[[float, float], Array]:
 
     def between(first: float, last: float) -> Array:
         assert cubic is not None
-        places = np.unique(np.concatenate([np.linspace(first, last, SAMPLES), b[(b > first) & (b < last)]]))
-        return np.column_stack([cubic(places), places])
+        values = np.unique(np.concatenate([np.linspace(first, last, SAMPLES), b[(b > first) & (b < last)]]))
+        return np.column_stack([cubic(values), values])
 
     return between
 
@@ -533,13 +533,13 @@ def joins(name: str, kind: str) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Meeting:
-    """Special points of two neighbouring branches whose curves meet between them; name and place if they are known."""
+    """Special points of two neighbouring branches whose curves meet between them; name and point if they are known."""
 
     gap: int
     below: tuple[Node, ...]
     above: tuple[Node, ...]
     name: str = ""
-    place: tuple[float, float] | None = None
+    point: tuple[float, float] | None = None
 
     @property
     def nodes(self) -> tuple[Node, ...]:
@@ -583,7 +583,7 @@ def _explained(
 ) -> tuple[dict[Node, Node], list[_Meeting], dict[tuple[Node, bool], Array]]:
     """Links and meetings as the traces have them, and the traced curves from special points up or down to meetings.
 
-    Curves that pass each other are linked; others meet at known places. A bound of the range ends where a curve leaves.
+    Curves that pass each other are linked; others meet at known points. A bound of the range ends where a curve leaves.
     """
     linked, found, tails = dict(links), list[_Meeting](), dict[tuple[Node, bool], Array]()
     for gap, group in groupby(meetings, key=lambda meeting: meeting.gap):
@@ -593,7 +593,7 @@ def _explained(
         untraced, rest = set[Node](), set[Node]()
         for node, kind in kinds.items():
             upward = node[0] == gap
-            number, event = _followed(_place(slices, node), kind, upward, between, traces, sizes)
+            number, event = _followed(_point(slices, node), kind, upward, between, traces, sizes)
             if event is not None:
                 name, tails[node, upward] = event
                 known.append((name, tuple(tails[node, upward][-1].tolist()), node))
@@ -606,31 +606,31 @@ def _explained(
                     untraced.add(node)
                 elif upward:
                     through[number] = node
-        places = _distinct([place for _, place, _ in known], sizes)
+        points = _distinct([point for _, point, _ in known], sizes)
         met = {
-            place: [e for e in known if np.abs((np.array(e[1]) - place) / sizes).max() <= SAME_PLACE]
-            for place in places
+            point: [e for e in known if np.abs((np.array(e[1]) - point) / sizes).max() <= SAME_POINT]
+            for point in points
         }
-        names = {place: max((name for name, _, _ in entries), key=len) for place, entries in met.items()}
-        nodes = {place: {node for _, _, node in entries} for place, entries in met.items()}
+        names = {point: max((name for name, _, _ in entries), key=len) for point, entries in met.items()}
+        nodes = {point: {node for _, _, node in entries} for point, entries in met.items()}
         for node in untraced & rest:
             if kinds[node] == "bound":
-                a = _place(slices, node)[0]
-                near = [place for place in places if abs(place[0] - a) < SAME_PLACE * sizes[0]]
-                near.sort(key=lambda place: place[1], reverse=node[0] > gap)
+                a = _point(slices, node)[0]
+                near = [point for point in points if abs(point[0] - a) < SAME_POINT * sizes[0]]
+                near.sort(key=lambda point: point[1], reverse=node[0] > gap)
             else:
-                near = [place for place in places if joins(names[place], kinds[node])]
+                near = [point for point in points if joins(names[point], kinds[node])]
             if near:
                 nodes[near[0]].add(node)
                 rest.remove(node)
         every = [*nodes.items(), *((None, {*each.below, *each.above} & rest) for each in together)]
-        for spot, members in every:
+        for at, members in every:
             below, above = (tuple(sorted(n for n in members if n[0] == gap + k)) for k in (0, 1))
-            if spot is None and _is_bound(slices, below, above):
+            if at is None and _is_bound(slices, below, above):
                 linked[below[0]] = above[0]
             elif members:
-                name = "" if spot is None else names[spot]
-                found.append(_Meeting(gap=gap, below=below, above=above, name=name, place=spot))
+                name = "" if at is None else names[at]
+                found.append(_Meeting(gap=gap, below=below, above=above, name=name, point=at))
     return linked, found, tails
 
 
@@ -644,7 +644,7 @@ def _is_bound(slices: Sequence[Slice], below: Sequence[Node], above: Sequence[No
 
 
 def _followed(
-    place: tuple[float, float],
+    start: tuple[float, float],
     kind: str,
     upward: bool,
     gap: tuple[float, float],
@@ -653,12 +653,12 @@ def _followed(
 ) -> tuple[int | None, tuple[str, Array] | None]:
     """The number of the traced curve through a special point, and the first event on it in the gap beyond this point.
 
-    The event is a codimension-two point at which other curves meet it, or an end of the curve, or the place where it
+    The event is a codimension-two point at which other curves meet it, or an end of the curve, or the point where it
     turns back to the branch from which it came; it has its name and the curve that leads there, shape (n, 2). None if
     there is no such curve, or no event.
     """
-    low, high = gap[0] + SAME_PLACE * sizes[1], gap[1] - SAME_PLACE * sizes[1]
-    near = [(*_position(place, trace.points, sizes), n) for n, trace in enumerate(traces) if alike(kind, trace.type)]
+    low, high = gap[0] + SAME_POINT * sizes[1], gap[1] - SAME_POINT * sizes[1]
+    near = [(*_position(start, trace.points, sizes), n) for n, trace in enumerate(traces) if alike(kind, trace.type)]
     distance, at, number = min(near, default=(np.inf, 0.0, -1))
     if not distance < ON_CURVE:
         return None, None
@@ -666,20 +666,20 @@ def _followed(
     first = min(int(at), len(points) - 2)
     forward = (points[first + 1, 1] > points[first, 1]) == upward
     rest = points[first + 1 :] if forward else points[: first + 1][::-1]
-    rest = rest[1:] if len(rest) and np.abs((rest[0] - place) / sizes).max() < SAME_PLACE else rest
+    rest = rest[1:] if len(rest) and np.abs((rest[0] - start) / sizes).max() < SAME_POINT else rest
     inside = (rest[:, 1] > low) & (rest[:, 1] < high)
     count = len(rest) if inside.all() else int(np.argmin(inside))
-    path = np.concatenate([[place], rest[: count + 1]])  # also the chord that leaves the gap
+    path = np.concatenate([[start], rest[: count + 1]])  # also the chord that leaves the gap
     events = [
-        (*_position(spot, path, sizes), name, spot)
+        (*_position(point, path, sizes), name, point)
         for trace in traces
-        for name, spot in trace.specials
-        if low < spot[1] < high and joins(name, kind) and len(path) > 1
+        for name, point in trace.specials
+        if low < point[1] < high and joins(name, kind) and len(path) > 1
     ]
-    on_path = [(position, name, spot) for distance, position, name, spot in events if distance < ON_CURVE]
-    position, name, spot = min(on_path, default=(np.inf, "", place))
+    on_path = [(position, name, point) for distance, position, name, point in events if distance < ON_CURVE]
+    position, name, point = min(on_path, default=(np.inf, "", start))
     if on_path:
-        return number, (name, np.concatenate([path[: int(np.ceil(position))], [spot]]))
+        return number, (name, np.concatenate([path[: int(np.ceil(position))], [point]]))
     if count == len(rest):
         return number, ("", path) if count else None
     if (rest[count, 1] <= low) == upward:  # it turns back
@@ -688,14 +688,14 @@ def _followed(
     return number, None
 
 
-def _position(place: Sequence[float], points: Array, sizes: Array) -> tuple[float, float]:
-    """Distance of a place from a line through points, relative to the ranges, and where it is nearest: point k at k."""
+def _position(point: Sequence[float], points: Array, sizes: Array) -> tuple[float, float]:
+    """Distance of a point from a line through points, relative to the ranges, and where it is nearest: point k at k."""
     starts, steps = points[:-1] / sizes, np.diff(points / sizes, axis=0)
-    offsets = np.array(place) / sizes - starts
-    parts = np.clip((offsets * steps).sum(axis=1) / np.maximum((steps**2).sum(axis=1), np.finfo(float).tiny), 0, 1)
-    distances = np.linalg.norm(offsets - parts[:, None] * steps, axis=1)
+    offsets = np.array(point) / sizes - starts
+    fractions = np.clip((offsets * steps).sum(axis=1) / np.maximum((steps**2).sum(axis=1), np.finfo(float).tiny), 0, 1)
+    distances = np.linalg.norm(offsets - fractions[:, None] * steps, axis=1)
     k = int(np.argmin(distances))
-    return float(distances[k]), k + float(parts[k])
+    return float(distances[k]), k + float(fractions[k])
 
 
 def _events(
@@ -713,10 +713,10 @@ def _events(
 
 def _chains(slices: Sequence[Slice], links: Mapping[Node, Node]) -> Iterator[list[Node]]:
     """Special points along every curve, upwards."""
-    reached = set(links.values())
+    successors = set(links.values())
     for j, each in enumerate(slices):
         for k in range(len(each.specials)):
-            if (j, k) in reached:
+            if (j, k) in successors:
                 continue
             chain = [(j, k)]
             while chain[-1] in links:
@@ -724,28 +724,29 @@ def _chains(slices: Sequence[Slice], links: Mapping[Node, Node]) -> Iterator[lis
             yield chain
 
 
-def _place(slices: Sequence[Slice], node: Node) -> tuple[float, float]:
+def _point(slices: Sequence[Slice], node: Node) -> tuple[float, float]:
+    """Both parameters at a special point."""
     j, k = node
     return float(slices[j].specials[k]["value"]), slices[j].value
 
 
-def _meeting_place(
+def _meeting_point(
     slices: Sequence[Slice],
     chains: Sequence[list[Node]],
     meeting: _Meeting,
 ) -> Junction:
     """The point where curves meet: a known one, else the one nearest to their tangents between the two branches."""
-    if meeting.place is not None:
+    if meeting.point is not None:
         kinds = {type_of(slices[j].specials[k]) for j, k in meeting.nodes}
-        return Junction(name=meeting.name, values=meeting.place, types=tuple(sorted(kinds)), within=0.0, sheet=0)
+        return Junction(name=meeting.name, values=meeting.point, types=tuple(sorted(kinds)), within=0.0, sheet=0)
     low, high = slices[meeting.gap].value, slices[meeting.gap + 1].value
     rows, nodes = list[tuple[float, float]](), meeting.nodes
     for node in nodes:
         chain = next(chain for chain in chains if node in chain)
-        a, b = _place(slices, node)
+        a, b = _point(slices, node)
         slope = 0.0
         if len(chain) > 1:
-            other = _place(slices, chain[1] if node == chain[0] else chain[-2])
+            other = _point(slices, chain[1] if node == chain[0] else chain[-2])
             slope = (other[0] - a) / (other[1] - b)
         rows.append((a - slope * b, slope))
     offsets, slopes = np.array(rows).T
@@ -757,8 +758,8 @@ def _meeting_place(
     b = float(np.clip(b, low + edge, high - edge))
     estimate = np.array([np.mean(offsets + slopes * b), b])
     types = tuple(sorted({type_of(slices[j].specials[k]) for j, k in nodes}))
-    place = float(estimate[0]), b
-    return Junction(name=_name(types, len(nodes)), values=place, types=types, within=(high - low) / 2, sheet=0)
+    values = float(estimate[0]), b
+    return Junction(name=_name(types, len(nodes)), values=values, types=types, within=(high - low) / 2, sheet=0)
 
 
 def _name(types: Sequence[str], count: int) -> str:
@@ -797,18 +798,18 @@ def _outside(
                 continue
             nodes = [(j, last[0]), (j + 1, last[1])]
             ended = all(
-                kind == "bound" or any(trace.covers(kind, _place(slices, node), sizes) for trace in traces)
+                kind == "bound" or any(trace.covers(kind, _point(slices, node), sizes) for trace in traces)
                 for kind, node in zip(kinds, nodes, strict=True)
             )
             corners = np.array([(edge, second.value), (edge, first.value)])
             up, down = paths.get((nodes[0], True)), paths.get((nodes[1], False))
-            joined = up is not None and down is not None and np.abs((up[-1] - down[-1]) / sizes).max() < SAME_PLACE
+            joined = up is not None and down is not None and np.abs((up[-1] - down[-1]) / sizes).max() < SAME_POINT
             closed = links.get(nodes[0]) == nodes[1] or joined
             boundary = np.concatenate([_side(links, paths, *nodes), corners])
             pieces[NO_GAIT if ended and closed else UNKNOWN].append(boundary)
-    for words, polygons in pieces.items():
+    for modes, polygons in pieces.items():
         if polygons:
-            yield Region(words=words, unstable=None, sheet=-1, pieces=tuple(polygons))
+            yield Region(modes=modes, unstable=None, sheet=-1, pieces=tuple(polygons))
 
 
 def signed_area(polygon: Array) -> float:

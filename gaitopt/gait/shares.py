@@ -20,8 +20,8 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
 
 CORNER_TOLERANCE = 1e-9
-"""Rounding may let a corner violate an inequality by this part of the largest force; also the smallest determinant of
-the equations of a corner."""
+"""Rounding may let a corner violate an inequality by this fraction of the largest force; also the smallest determinant
+of the equations of a corner."""
 
 
 def undetermined_forces(arc: Arc) -> tuple[str, ...]:

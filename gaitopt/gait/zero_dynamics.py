@@ -41,7 +41,7 @@ ON_SURFACE = 1e-9
 """Largest output, and largest rate of an output in natural units, that errors of the states cause on the constraint
 surface."""
 NO_FORCE = 1e-9
-"""A generalised force below this part of weight times length counts as zero; it is due to rounding."""
+"""A generalised force below this fraction of weight times length counts as zero; it is due to rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

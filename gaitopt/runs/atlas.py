@@ -156,7 +156,7 @@ class Atlas(Reported):
             ],
             "regions": [
                 {
-                    "modes": region.words,
+                    "modes": region.modes,
                     "unstable": region.unstable,
                     "stable": None if region.unstable is None else region.unstable == 0,
                     "sheet": region.sheet,
@@ -202,7 +202,7 @@ def _assembled(problem: Problem, axes: tuple[Axis, Axis], records: Sequence[Reco
         record = checked.get((*gait[0].values(),), {}) if gait else {}
         gaits.append({key: value for key, value in record.items() if key != "job"})
         failed = record.get("gait", {}) is None
-        regions.append(replace(region, words=UNKNOWN, unstable=None) if failed else region)
+        regions.append(replace(region, modes=UNKNOWN, unstable=None) if failed else region)
     values = [each.value for each in slices]
     gaps = open_gaps(slices, traces, axes[0].ends)
     return Atlas(
@@ -226,7 +226,7 @@ def _arranged(
     segments = [[(each.value, segment) for segment in each.segments] for family in families(slices) for each in family]
     known = list[tuple[dict[str, float], Record] | None]()
     for region in arrangement.regions:
-        inside = [segments[j][i] for j, i in region.places]
+        inside = [segments[j][i] for j, i in region.segments]
         value, longest = max(inside, key=lambda pair: pair[1].length, default=(0.0, None))
         gait = None if longest is None else longest.middle
         known.append(None if gait is None else ({axes[0].key: gait["value"], axes[1].key: value}, gait))

@@ -80,7 +80,7 @@ def atlas_figure(atlas: Atlas, name: str = REGIONS) -> Figure:
     shown = [region for region in found.regions if region.sheet in (sheet, -1) and region.pieces]
     with figure_style():
         for region in shown:
-            _fill(axes, region, tints[region.words], atlas.axes)
+            _fill(axes, region, tints[region.modes], atlas.axes)
         drawn = [curve for curve in found.curves if curve.sheet == sheet]
         for curve in drawn:
             _, colour, style, width = LINES.get(curve.type, (curve.type, NEUTRAL, "-", 1.0))
@@ -101,7 +101,7 @@ def atlas_figure(atlas: Atlas, name: str = REGIONS) -> Figure:
     texts = [point_name(junction) for junction in points]
     marks = sorted(zip(texts, places, strict=True), key=lambda mark: len(mark[0]))  # long names find room last
     write_beside(axes, [(text, *place) for text, place in marks], AWAY, LETTER)
-    words = {region.words: Patch(facecolor=tints[region.words], edgecolor=NEUTRAL, linewidth=0.5) for region in shown}
+    words = {region.modes: Patch(facecolor=tints[region.modes], edgecolor=NEUTRAL, linewidth=0.5) for region in shown}
     for text, patch in words.items():
         patch.set_label(text.replace("_", " "))
         handles.append(patch)
@@ -130,7 +130,7 @@ def point_name(junction: Junction) -> str:
 
 def sequences(atlas: Atlas) -> tuple[str, ...]:
     """The mode sequences of an atlas, in the order of their colours."""
-    return tuple(dict.fromkeys(r.words for r in atlas.arrangement.regions if r.unstable is not None))
+    return tuple(dict.fromkeys(r.modes for r in atlas.arrangement.regions if r.unstable is not None))
 
 
 def axis_label(axis: Axis, atlas: Atlas) -> Label:
@@ -193,7 +193,7 @@ def _contours(axes: Axes, atlas: Atlas, scalar: str, sheet: int) -> list[Line2D]
             continue
         rows = [
             (point["value"], atlas.slices[j].value, point[scalar])
-            for j, i in region.places
+            for j, i in region.segments
             for point in atlas.slices[j].segments[i].points
             if point.get(scalar) is not None
         ]
@@ -212,7 +212,7 @@ def _contours(axes: Axes, atlas: Atlas, scalar: str, sheet: int) -> list[Line2D]
 def _triangles(places: Array, region: Region, atlas: Atlas) -> Triangulation:
     """Triangles between neighbouring branches; Delaunay's would connect distant parts of a long region."""
     starts, triangles, count = dict[tuple[int, int], tuple[int, int]](), list[tuple[int, int, int]](), 0
-    for j, i in region.places:
+    for j, i in region.segments:
         size = len(atlas.slices[j].segments[i].points)
         starts[j, i] = count, size
         count += size

@@ -255,7 +255,7 @@ def atlas_report(atlas: Atlas) -> str:
         If no branch of the atlas has a gait.
     """
     keys, ranges, found = [axis.key for axis in atlas.axes], atlas.axes, atlas.arrangement
-    places = [(number, place) for number, region in enumerate(found.regions) for place in region.places]
+    places = [(number, place) for number, region in enumerate(found.regions) for place in region.segments]
     if not places:
         raise ProblemError(f"the atlas of {atlas.problem.name} has no gaits")
     each = max(1, MOST_PLACES // len(places))
@@ -297,10 +297,10 @@ def atlas_report(atlas: Atlas) -> str:
             "axes": [{**asdict(written), "range": span} for written, span in zip(labels, ends, strict=True)],
             "regions": [
                 {
-                    "words": region.words.replace("_", " "),
+                    "words": region.modes.replace("_", " "),
                     "unstable": region.unstable,
                     "sheet": region.sheet,
-                    "colour": colours.get(region.words, "empty" if region.words == NO_GAIT else UNKNOWN),
+                    "colour": colours.get(region.modes, "empty" if region.modes == NO_GAIT else UNKNOWN),
                     "part": region.area / atlas.area,
                     "outlines": [_short_points(shown_in(piece, ranges)) for piece in region.pieces if len(piece) > 2],
                 }

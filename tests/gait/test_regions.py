@@ -139,7 +139,7 @@ def test_families_of_doubled_gaits_lie_on_sheets_of_their_own() -> None:
     assert [len(family) for family in families(slices)] == [3, 3]
     found = arrange(slices, SPAN)
     assert [(region.sheet, round(region.area, 9)) for region in found.regions] == [(0, 0.6), (0, 0.4), (1, 0.4)]
-    assert found.regions[2].places == ((3, 0), (4, 0), (5, 0))
+    assert found.regions[2].segments == ((3, 0), (4, 0), (5, 0))
 
 
 def test_folds_separate_sheets_and_beyond_a_fold_there_is_no_gait() -> None:
@@ -151,7 +151,7 @@ def test_folds_separate_sheets_and_beyond_a_fold_there_is_no_gait() -> None:
     end = Traced(type="lift_off", points=np.array([(0.75, 0.0), (0.75, 1.0)]), specials=())
     for traces, words in (([end], NO_GAIT), ([], UNKNOWN)):
         regions = arrange(slices, SPAN, traces).regions
-        assert [(region.words, round(region.area, 9)) for region in regions] == [("stick; stick", 0.75), (words, 0.25)]
+        assert [(region.modes, round(region.area, 9)) for region in regions] == [("stick; stick", 0.75), (words, 0.25)]
 
 
 def test_a_branch_that_was_followed_from_its_other_end_is_turned_round() -> None:
@@ -166,7 +166,7 @@ def test_an_end_that_nothing_explains_leaves_the_rest_unknown() -> None:
     slices = [Slice.from_record({"value": b, "segments": [[gait(0.3, 0.5)]], "specials": lost}) for b in (0.0, 1.0)]
     nothing = Slice.from_record({"value": 2.0, "segments": [], "specials": [], "reason": "no gait"})
     found = arrange([*slices, nothing], SPAN)
-    assert [(region.words, round(region.area, 9)) for region in found.regions] == [
+    assert [(region.modes, round(region.area, 9)) for region in found.regions] == [
         ("stick; stick", 0.6),
         ("unknown", 1.4),
     ]

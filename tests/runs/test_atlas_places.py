@@ -87,7 +87,7 @@ def compare(atlas: go.Atlas, folder: File, number: int) -> dict[str, object]:
         {axis.key: value for axis, value in zip(atlas.axes, place.tolist(), strict=True)}
     )
     regions = regions_at(atlas, place)
-    stated = {(region.words, region.unstable) for region in regions}
+    stated = {(region.modes, region.unstable) for region in regions}
     result = {"number": number, "place": place.tolist(), "stated": sorted(map(str, stated))}
     for starts, seed in EFFORTS:
         gaits = go.find(
