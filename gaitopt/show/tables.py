@@ -197,8 +197,8 @@ def print_problem(console: Console, problem: Problem, *, every: bool = True) -> 
     walker = list[tuple[str, ...]]()
     for name, field in type(problem.walker).model_fields.items():
         value = getattr(problem.walker, name)
-        words, unit = words_and_unit(field.description or "")
-        walker.append((name, number(value), with_degrees(value, unit), words))
+        meaning, unit = words_and_unit(field.description or "")
+        walker.append((name, number(value), with_degrees(value, unit), meaning))
     section(console, f"walker {problem.walker.model}", ("key", "value", "unit", ""), walker, numbers=(1,))
     parameters = problem.parameters.items()
     contact = [(key, number(v), unit_of(key)) for key, v in parameters if key.partition(".")[0] == "friction"]
@@ -289,14 +289,14 @@ def _print_range(console: Console, over: Record, problem: Problem) -> None:
     own, points = number(problem.parameters[key]), over["points"]
     if over["objective"] is not None:
         names = ", ".join(problem.objective)
-        words = f"{names}, {AGGREGATES[over['aggregate']].format(key, number(over['at']))}"
+        title = f"{names}, {AGGREGATES[over['aggregate']].format(key, number(over['at']))}"
         where = {"worst": over["worst_at"], "at": over["at"]}.get(over["aggregate"])
-        rows.append((words, number(over["objective"]), "" if where is None else number(where)))
+        rows.append((title, number(over["objective"]), "" if where is None else number(where)))
         rows.append(("the same of the design for one value", number(over["single"]), own))
     for column in ("objective", "spectral_radius") if over["objective"] is not None else ("spectral_radius",):
         pairs = list(zip(points[column], points["value"], strict=True))
-        for word, (value, at) in (("least", min(pairs)), ("largest", max(pairs))):
-            rows.append((f"{column.replace('_', ' ')}, {word}", number(value), number(at)))
+        for extreme, (value, at) in (("least", min(pairs)), ("largest", max(pairs))):
+            rows.append((f"{column.replace('_', ' ')}, {extreme}", number(value), number(at)))
     rows += [(f"{name} is at its bound", "", number(at)) for name, at in over["binding"].items()]
     title = f"over {key} from {number(lower)} to {number(upper)}, {counted(len(points['value']), 'gait')} followed"
     section(console, title, ("", "value", f"at {key}"), rows, numbers=(1, 2))
@@ -385,8 +385,9 @@ def print_stabilised(console: Console, record: Record, problem: Problem, *, ever
     over = {"": "", "clock": " over the clock"}.get(made["phase"], f" over the phase {made['phase']}")
     console.print(f"{given['problem']} with {made['law'].replace('_', ' ')}{over}", style="bold")
     if made["degree"] is not None:
-        words = f"curves of degree {made['degree']}, {made['torque_deviation']:.1%} additional torque"
-        console.print(words, soft_wrap=True)
+        console.print(
+            f"curves of degree {made['degree']}, {made['torque_deviation']:.1%} additional torque", soft_wrap=True
+        )
     if made["invariance"] is not None:
         console.print(f"outputs and their rates are below {made['invariance']:.1e} just after the impact")
     if made["phase"] not in ("", "clock"):
@@ -472,15 +473,15 @@ def _print_motion(console: Console, record: Record, problem: Problem, last: str 
         fits = ((name, number(error), state_unit(name)) for name, error in record["fit_errors"].items())
         section(console, f"error of the fitted reference{last}", ("joint", "largest", "unit"), fits, numbers=(1,))
     if "zero_dynamics" in record:
-        zero, least = record["zero_dynamics"], record["decoupling_min_singular_value"]
-        rows = [("decoupling matrix, least singular value", number(least), "1/(kg m^2)")]
+        zero, smallest = record["zero_dynamics"], record["decoupling_min_singular_value"]
+        rows = [("decoupling matrix, least singular value", number(smallest), "1/(kg m^2)")]
         rows.append(("on the constraint surface", "yes" if zero["invariant"] else "no", ""))
         if zero["delta_squared"] is not None:
             rows.append(("delta_zero^2", number(zero["delta_squared"]), ""))
             rows.append(("largest V_zero", number(zero["potential_max"]), "kg^2 m^4/s^2"))
         section(console, f"virtual constraints{last}", ("", "value", "unit"), rows, numbers=(1,))
-    words = "at the start" if record.get("steps") == 0 else cycle_start(problem)
-    _print_state(console, record["state"], f"state {words}")
+    when = "at the start" if record.get("steps") == 0 else cycle_start(problem)
+    _print_state(console, record["state"], f"state {when}")
 
 
 def _print_state(console: Console, values: Record, title: str) -> None:
@@ -514,9 +515,9 @@ def print_gaits(console: Console, record: Record) -> None:
         console.print(ENDED)
     tried = ", ".join(f"{count} of {method}" for method, count in searched["starts"].items())
     console.print(f"searched: cycles of up to {counted(searched['n_steps'], 'step')}; starts: {tried}")
-    for place, ranges in zip(chain(["start states:"], repeat("then:")), searched["boxes"], strict=False):
+    for heading, ranges in zip(chain(["start states:"], repeat("then:")), searched["boxes"], strict=False):
         spans = (f"{name} {lo:.4g}:{hi:.4g} {state_unit(name)}" for name, (lo, hi) in ranges.items())
-        console.print(f"{place} {', '.join(spans)}")
+        console.print(f"{heading} {', '.join(spans)}")
 
 
 def explanation_lines(record: Record) -> list[str]:
@@ -589,8 +590,8 @@ def print_branch(console: Console, records: Sequence[Record], parameter: str, pr
     section(console, "branches", columns, rows, numbers=(2, 3, 4))
     for k, special in enumerate(specials):
         guess = "" if special["status"] == "converged" else " (only bracketed)"
-        place = f"{special['value']:.12g} {with_degrees(special['value'], unit)}".rstrip()
-        console.print(f"{k}: branch {special['branch']}, {place}{guess}: {event(special)}")
+        value = f"{special['value']:.12g} {with_degrees(special['value'], unit)}".rstrip()
+        console.print(f"{k}: branch {special['branch']}, {value}{guess}: {event(special)}")
     for cascade in cascades(records):
         console.print(f"cascade: {cascade}")
 
@@ -606,10 +607,10 @@ def print_trace(console: Console, records: Sequence[Record], parameters: tuple[s
     columns = [f"{key} {end}" for key in parameters for end in ("from", "to")]
     section(console, "curves", ("curve", "mode sequence", *columns, "points"), rows, numbers=(2, 3, 4, 5, 6))
     for k, special in enumerate(specials):
-        place = ", ".join(f"{key} = {value:.12g}" for key, value in special["values"].items())
+        values = ", ".join(f"{key} = {value:.12g}" for key, value in special["values"].items())
         guess = "" if special["status"] == "converged" else " (only bracketed)"
         form = "".join(f", {name} = {v:.6g}" for name, v in special["coefficients"].items() if v is not None)
-        console.print(f"{k}: curve {special['curve']}, {place}{form}{guess}: {event(special)}")
+        console.print(f"{k}: curve {special['curve']}, {values}{form}{guess}: {event(special)}")
         for start in special["next"]:
             console.print(f"   next: {spelled(start['type'])}", markup=False)
 
@@ -656,23 +657,23 @@ def robustness_rows(result: Robustness) -> list[tuple[str, str, str, str]]:
     nearest = record.get("nearest")
     if nearest is not None:
         state = nearest["state"] or {}
-        words = ", ".join(f"{name} = {value:.6g}" for name, value in state.items())
-        rows.append(("nearest state that does not return", _figure(nearest["distance"]), words, "search along rays"))
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in state.items())
+        rows.append(("nearest state that does not return", _figure(nearest["distance"]), values, "search along rays"))
     for quantity, outputs in record.get("sensitivity", {}).items():
         for name, value in outputs.items():
             unit = f"{NORM_UNITS[name]}{TILE_UNITS[quantity]}"
-            words = f"norm from {quantity} to {name.replace('_', ' ')} [{unit}]"
-            rows.append((words, _figure(value), "", norm))
+            title = f"norm from {quantity} to {name.replace('_', ' ')} [{unit}]"
+            rows.append((title, _figure(value), "", norm))
     falls = record.get("falls")
     if falls is not None:
         low, high = falls["interval"]
-        words = f"{_figure(low)} to {_figure(high)}"
-        rows.append((f"mean steps to a fall, {falls['floor']}", _figure(falls["mean_steps"]), words, "random walks"))
+        interval = f"{_figure(low)} to {_figure(high)}"
+        rows.append((f"mean steps to a fall, {falls['floor']}", _figure(falls["mean_steps"]), interval, "random walks"))
         known, reason = falls["eigenvalue"], falls.get("eigenvalue_reason") or "weighted walks"
         rows.append(("1 - metastable eigenvalue", _figure(None if known is None else 1 - known), "", reason))
         if (steps := falls.get("metastable")) is not None and known is not None:
-            words = " to ".join(map(_figure, steps["interval"]))
-            rows.append(("mean steps to a fall from it", _figure(steps["mean_steps"]), words, reason))
+            interval = " to ".join(map(_figure, steps["interval"]))
+            rows.append(("mean steps to a fall from it", _figure(steps["mean_steps"]), interval, reason))
     return rows
 
 
@@ -727,8 +728,8 @@ def print_sweep(console: Console, record: Record) -> None:
     if record.get("several"):
         console.print(f"several gaits: at {counted(record['several'], 'point')}; column gaits of the table")
     for job in record["set_aside"]:
-        place = ", ".join(f"{key} = {value:g}" for key, value in job["at"].items())
-        console.print(f"set aside: {place}: {job['reason']}")
+        point = ", ".join(f"{key} = {value:g}" for key, value in job["at"].items())
+        console.print(f"set aside: {point}: {job['reason']}")
 
 
 def print_front(console: Console, record: Record) -> None:
@@ -830,21 +831,24 @@ def _brief(value: float | None, unit: float = 1.0, digits: str = ".1e") -> str:
     return "-" if value is None else format(unit * value, digits)
 
 
-def _theorem_rows(words: Record) -> list[tuple[str, str]]:
+def _theorem_rows(statement: Record) -> list[tuple[str, str]]:
     """Hypotheses of a theorem with their values, and statements that it does not prove."""
     rows = [
-        (k, value[:SHOWN_DIGEST] if k == "sha256" else value) for k, value in words.items() if isinstance(value, str)
+        (k, value[:SHOWN_DIGEST] if k == "sha256" else value)
+        for k, value in statement.items()
+        if isinstance(value, str)
     ]
-    rows += [(f"text {name}", value[:SHOWN_DIGEST]) for name, value in words.get("texts", {}).items()]
-    rows += [(f"changed {key}", str(value)) for key, value in words.get("changed", {}).items()]
-    rows += [*words.get("walker_data", {}).items()]
-    rows += [(f"control.{key}", value) for key, value in words.get("law", {}).items()]
-    designed = words.get("designed", ())
+    rows += [(f"text {name}", value[:SHOWN_DIGEST]) for name, value in statement.get("texts", {}).items()]
+    rows += [(f"changed {key}", str(value)) for key, value in statement.get("changed", {}).items()]
+    rows += [*statement.get("walker_data", {}).items()]
+    rows += [(f"control.{key}", value) for key, value in statement.get("law", {}).items()]
+    designed = statement.get("designed", ())
     rows += [
-        (key, f"{value} (designed)" if key in designed else value) for key, value in words.get("parameters", {}).items()
+        (key, f"{value} (designed)" if key in designed else value)
+        for key, value in statement.get("parameters", {}).items()
     ]
-    rows += [("not proved", text) for text in words.get("not_proved", ())]
-    inner = _theorem_rows(words["reference"]) if "reference" in words else []
+    rows += [("not proved", text) for text in statement.get("not_proved", ())]
+    inner = _theorem_rows(statement["reference"]) if "reference" in statement else []
     return rows + [(f"law's gait: {key}", value) for key, value in inner]
 
 
