@@ -38,7 +38,7 @@ from gaitopt.model.system import FLOOR
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
-from gaitopt.show.motion import Motion, cycle_words, motor_label, time_label, with_start_times
+from gaitopt.show.motion import Motion, cycle_sentence, motor_label, time_label, with_start_times
 from gaitopt.show.style import MODE_WORDS
 
 FRAMES = 72
@@ -55,7 +55,7 @@ matters."""
 CODES = 8191
 """Largest code of a packed number; a chart on a page is some 300 pixels high."""
 RIGID = 1e-9
-"""Relative change of the distance of two points below which they belong to one rigid part."""
+"""Relative change of the distance of two points below which they belong to one rigid body."""
 COINCIDENT = 1e-9
 """Distance below which two points coincide [m]."""
 ROUNDING = 1e-9
@@ -120,7 +120,7 @@ class FilmRecord(TypedDict):
     Frames are Chebyshev points of each phase, as many as a smooth curve needs; their columns are the coordinates ``xK``
     and ``yK`` of the points, the force ``f_tN`` and ``f_nN`` at each contact, the shape with its rates, and
     ``torque ACTUATOR``. Point 0 is the stance foot. All x count from the stance foot at the start of its step, which is
-    ``origin`` in the cycle. The picture follows the walker between the times and places of ``path``, and on a floor
+    ``origin`` in the cycle. The picture follows the walker between the times and positions of ``path``, and on a floor
     also its heights; ``magnification`` is that of the magnifier of the feet, 0 if none of them slips. ``tiles`` are
     those of a floor.
     """
@@ -163,9 +163,9 @@ class Skeleton:
     points : ndarray, shape (m, n, 2) - positions [m] at m times; the first is the stance foot, the second the swing
         foot.
     legs : pairs of indices into the points, stance leg first.
-    sides : for every pair, 0 if it is part of the stance leg, 1 for the swing leg, None for neither; () if not known.
+    sides : for every pair, 0 if it belongs to the stance leg, 1 for the swing leg, None for neither; () if not known.
     ties : pairs of points that are not rigid.
-    discs : for every mass, the index of its point and its part of the whole mass.
+    discs : for every mass, the index of its point and its fraction of the total mass.
     contacts : index of the point of every contact, in the order of ``Walker.contact_names``.
     marks : index of the point of every contact that leaves its mark on the ground; the stance foot of an only contact.
     """
@@ -183,15 +183,15 @@ def skeleton(arcs: Sequence[Arc]) -> Skeleton:
     """The drawing of a walker at all times of its arcs."""
     dynamics = arcs[0].dynamics
     walker = dynamics.system.walker
-    positions, masses, _, lines, held, sides = _mechanism(walker)
+    positions, masses, _, lines, landings, sides = _mechanism(walker)
     n_p = len(walker.model_fields)
-    places = []
+    columns = []
     for arc in arcs:
         q = arc.states[:, : len(walker.coordinates())].T
-        for name in {*held} - {*arc.mode.touching}:  # it is drawn where it is going to land
-            q = np.asarray(held[name](q, arc.dynamics.p[:n_p]))
-        places.append(np.asarray(positions(q, arc.dynamics.p[:n_p])))
-    points = np.hstack(places).T.reshape(sum(arc.times.size for arc in arcs), -1, 2)
+        for name in {*landings} - {*arc.mode.touching}:  # it is drawn where it is going to land
+            q = np.asarray(landings[name](q, arc.dynamics.p[:n_p]))
+        columns.append(np.asarray(positions(q, arc.dynamics.p[:n_p])))
+    points = np.hstack(columns).T.reshape(sum(arc.times.size for arc in arcs), -1, 2)
     mass = np.asarray(masses(dynamics.p[:n_p])).ravel()
     discs = tuple((k, float(share)) for k, share in enumerate(mass / mass.sum(), start=2))
     n_contacts, n_points = len(walker.contact_names()), points.shape[1]
@@ -201,7 +201,7 @@ def skeleton(arcs: Sequence[Arc]) -> Skeleton:
         starts = accumulate(lines[:-1], initial=2 + mass.size)
         legs = [(k, k + 1) for start, n in zip(starts, lines, strict=True) for k in range(start, start + n - 1)]
         return Skeleton(points=points, legs=tuple(legs), sides=sides, discs=discs, contacts=contacts, marks=marks)
-    draw = next((draw for kind, draw in _DRAWINGS.items() if issubclass(walker, kind)), _rigid_parts)
+    draw = next((draw for kind, draw in _DRAWINGS.items() if issubclass(walker, kind)), _shortest_tree)
     if not walker.labels():  # its contact is drawn as the stance foot, the first point
         points, contacts = points[:, :-1], (0,)
     return draw(Skeleton(points=points, legs=(), discs=discs, contacts=contacts, marks=marks), dynamics)
@@ -228,20 +228,20 @@ def ground_tiles(motion: Motion) -> list[FilmTile]:
     """
     if motion.floor is None:
         return []
-    names, places, origin = motion.walker.contact_names(), list[float](), 0.0
+    names, feet, origin = motion.walker.contact_names(), list[float](), 0.0
     for step in motion.steps:
         arc = step.arcs[0]
         drawing = skeleton([replace(arc, times=arc.times[:1], states=arc.states[:1])])
         under = [drawing.points[0, drawing.marks[n], 0] for n, name in enumerate(names) if name in arc.mode.touching]
-        places.append(origin + float(np.mean(under or [0.0])))
+        feet.append(origin + float(np.mean(under or [0.0])))
         origin += 0.0 if step.impact is None else step.impact.step_length
     if motion.steps[-1].impact is not None:
-        places.append(places[-1] + motion.steps[-1].impact.step_length)
-    ends = [places[0] - FAR, *((a + b) / 2 for a, b in pairwise(places)), places[-1] + FAR]
+        feet.append(feet[-1] + motion.steps[-1].impact.step_length)
+    ends = [feet[0] - FAR, *((a + b) / 2 for a, b in pairwise(feet)), feet[-1] + FAR]
     nominal, tiles = motion.dynamics.static_friction, list[FilmTile]()
-    for n, (place, left, right) in enumerate(zip(places, ends, ends[1:], strict=False)):
+    for n, (foot, left, right) in enumerate(zip(feet, ends, ends[1:], strict=False)):
         tile = motion.floor.tile(n)
-        low, high = (tile.height - float(np.tan(tile.slope)) * (x - place) for x in (left, right))
+        low, high = (tile.height - float(np.tan(tile.slope)) * (x - foot) for x in (left, right))
         friction = nominal if tile.friction is None else tile.friction[0]
         tiles.append((left, right, low, high, friction / nominal - 1 if nominal else np.sign(friction)))
     return tiles
@@ -250,9 +250,9 @@ def ground_tiles(motion: Motion) -> list[FilmTile]:
 def _ground_under(arc: Arc, names: Sequence[str]) -> list[tuple[float, float]]:
     """Friction and slope [rad] of the tile under every contact."""
     system, p = arc.dynamics.system, arc.dynamics.p
-    coefficients, places = system.contact_coefficients(p), {key: k for k, key in enumerate(system.parameters)}
+    coefficients, indices = system.contact_coefficients(p), {key: k for k, key in enumerate(system.parameters)}
     of = {name: name if name in coefficients else FOOT for name in names}
-    slopes = {name: places.get(f"{FLOOR}.{of[name]}.slope") for name in names}
+    slopes = {name: indices.get(f"{FLOOR}.{of[name]}.slope") for name in names}
     return [
         (short(float(coefficients[of[name]][0])), 0.0 if (k := slopes[name]) is None else short(float(p[k])))
         for name in names
@@ -327,18 +327,18 @@ _DRAWINGS: dict[type[Walker], Callable[[Skeleton, Dynamics], Skeleton]] = {
 }
 
 
-def _rigid_parts(bare: Skeleton, dynamics: Dynamics) -> Skeleton:
+def _shortest_tree(bare: Skeleton, dynamics: Dynamics) -> Skeleton:
     """The drawing as a shortest tree over the points (Kruskal), with rigid pairs first."""
     pairs = []
     for a, b in combinations(range(bare.points.shape[1]), 2):
         distance = np.linalg.norm(bare.points[:, a] - bare.points[:, b], axis=1)
         length = float(f"{distance.mean():.{DIGITS}g}")
         pairs.append((bool(np.ptp(distance) > RIGID * max(length, COINCIDENT)), length, a, b))
-    part = list(range(bare.points.shape[1]))
+    tree = list(range(bare.points.shape[1]))  # number of the tree of every point
     legs, ties = list[tuple[int, int]](), list[tuple[int, int]]()
     for loose, length, a, b in sorted(pairs):
-        if part[a] != part[b]:
-            part = [part[a] if x == part[b] else x for x in part]
+        if tree[a] != tree[b]:
+            tree = [tree[a] if number == tree[b] else number for number in tree]
             if length > COINCIDENT:
                 (ties if loose else legs).append((a, b))
     return replace(bare, legs=tuple(legs), ties=tuple(ties))
@@ -351,7 +351,7 @@ def _mechanism(
     """(coordinates, p) -> stance foot, swing foot, bodies, outline, contacts in columns; p -> masses; p -> gravity.
 
     Then come the numbers of points of the lines of the outline, by the name of each massless contact
-    (coordinates, p) -> coordinates where it is in the place at which it will land, and the sides of the lines.
+    (coordinates, p) -> coordinates with the contact where it will land, and the sides of the lines.
     """
     p = SX.sym("p", len(walker.model_fields))
     names = walker.coordinates()
@@ -363,10 +363,10 @@ def _mechanism(
     foot = vertcat(coordinates["x"], coordinates["y"])
     stated = mechanism.contacts
     contacts = [stated[name].position if name in stated else contact for name in walker.contact_names()]
-    places = horzcat(foot, mechanism.swing_foot, *drawn, *contacts)
+    points = horzcat(foot, mechanism.swing_foot, *drawn, *contacts)
     masses = vertcat(*(SX(body.mass) for body in mechanism.bodies))
     return (
-        Function("positions", [q, p], [places]),
+        Function("positions", [q, p], [points]),
         Function("masses", [p], [masses]),
         Function("gravity", [p], [mechanism.gravity]),
         tuple(map(len, lines)),
@@ -418,20 +418,20 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
     tiled, rows, path = motion.floor is not None, list[int](), [(0.0, 0.0, rise(motion, 0))]
     magnification, closeups = magnifier(motion)
     for index, (began, step) in enumerate(with_start_times(motion.steps)):
-        time, place, lift = path[-1]
+        time, travelled, lift = path[-1]
         for whole in step.arcs:
             arc = _at_frames(whole, max(FEWEST_FRAMES, round(frames * whole.duration / motion.period)))
             arcs.append(arc)
             phases.append(
                 {
                     "mode": _overall(arc.mode),
-                    "words": contacts_words(arc.mode),
+                    "words": describe_contacts(arc.mode),
                     "contacts": [arc.mode.contacts[name] if name in arc.mode.touching else None for name in names],
                     "undetermined": [name in undetermined(motion.walker, arc.mode) for name in names],
                     "start": short(began + arc.start),
                     "end": short(began + arc.end),
                     "step": index,
-                    "origin": short(place),
+                    "origin": short(travelled),
                     "first": first,
                     "last": first + len(arc.times) - 1,
                     "closeup": closeups[len(phases)],
@@ -441,9 +441,9 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
                 phases[-1]["ground"] = _ground_under(arc, names)
             first += len(arc.times)
             rows += [index] * len(arc.times)
-        pace = place / time if time else 0.0  # a walk may end within a step, without an impact
+        pace = travelled / time if time else 0.0  # a walk may end within a step, without an impact
         length = step.impact.step_length if step.impact is not None else pace * step.period
-        path.append((time + step.period, place + length, lift if step.impact is None else rise(motion, index + 1)))
+        path.append((time + step.period, travelled + length, lift if step.impact is None else rise(motion, index + 1)))
     drawing = skeleton(arcs)
     heights = drawing.points[:, :, 1] + np.array([[rise(motion, step)] for step in rows])
     observed, states = [observe(arc) for arc in arcs], np.vstack([arc.states for arc in arcs])
@@ -476,7 +476,7 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
         "period": short(motion.period),
         "steps": len(motion.steps),
         "repeats": REPEATS if motion.periodic else 1,
-        "cycle": cycle_words(motion) if motion.periodic else "",
+        "cycle": cycle_sentence(motion) if motion.periodic else "",
         "cycle_start": cycle_start(motion.dynamics.system),
         "cycle_end": cycle_end(motion.dynamics.system),
         "time_label": time_label([motion]),
@@ -485,7 +485,7 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
         "path": [tuple(map(short, point if tiled else point[:2])) for point in path],
         "tiles": ground_tiles(motion),
         "magnification": magnification,
-        "impacts": [contacts_words(impact.mode) for impact in impacts],
+        "impacts": [describe_contacts(impact.mode) for impact in impacts],
         "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
         "shape": list(motion.walker.shape),
         "lengths": bool(motion.walker.lengths),
@@ -505,8 +505,8 @@ def _overall(mode: Mode) -> str:
     return next((state for state in states if state != Mode.STICK), states[0] if states else str(Mode.FLIGHT))
 
 
-def contacts_words(mode: Mode) -> str:
-    """A text with the mode of every contact on the ground: ``heel slip forward, toe stick``."""
+def describe_contacts(mode: Mode) -> str:
+    """Describe the mode of every contact on the ground: ``heel slip forward, toe stick``."""
     return mode.contact.brief.replace("_", " ").replace(" + ", ", ")
 
 

@@ -37,7 +37,7 @@ from gaitopt.show.motion import (
     position_label,
     positions_of,
     resampled,
-    resampled_places,
+    resampled_points,
     smooth,
     thinned,
     time_label,
@@ -69,8 +69,8 @@ OUTSIDE: dict[str, Any] = {"facecolor": "#b39b77", "alpha": 0.2, "edgecolor": "n
 SLIP_WIDTH, EDGE_DASHES = 4.0, (0, (1.3, 0.6))
 """Width [points] and dashes, in widths, of the force ratio of a foot that slips, which lies on the edge of the cone."""
 BAR_HEIGHT, NARROW_BAR = 0.8, 0.005
-"""Height of the bar of a mode; and the part of the time axis below which the bar of a slip is so narrow that the slip
-is marked."""
+"""Height of the bar of a mode; and the width of the bar of a slip, relative to the time axis, below which the slip is
+marked."""
 MARKED_STATES = 6
 """Largest number of states after impacts that are marked in the portrait of a walk."""
 CONE_ROOM = 1.35
@@ -130,7 +130,7 @@ def foot_slip(motions: Sequence[Motion]) -> Figure:
             slipped = dict[str, float]()  # slip of the contacts on the ground since they landed
             for arc in step.arcs:
                 slipped = {name: slipped.get(name, 0.0) for name in arc.mode.touching}
-                times, s = resampled(arc).times, resampled_places(arc)
+                times, s = resampled(arc).times, resampled_points(arc)
                 for contact in touching_contacts(arc, observe(arc)):
                     x = slipped[contact.names[0]] + curves.evaluate(curves.primitive(contact.slip, arc.duration), s)
                     slipped |= dict.fromkeys(contact.names, float(x[-1]))
@@ -248,8 +248,8 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch | Line2D]:
                             "markeredgewidth": 0.4,
                             "clip_on": False,
                         }
-                        place = begin + arc.duration / 2, row - BAR_HEIGHT / 2 - 0.02
-                        axes.plot(*place, marker=CARETDOWNBASE, markersize=5, linestyle="", zorder=3, **style)
+                        centre = begin + arc.duration / 2, row - BAR_HEIGHT / 2 - 0.02
+                        axes.plot(*centre, marker=CARETDOWNBASE, markersize=5, linestyle="", zorder=3, **style)
                         narrow = True
                     present.add(Mode(word))
     labels = [motion.name if len(motions) > 1 else "" for motion, _ in rows]
@@ -302,8 +302,8 @@ def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
             continue  # the curve would be squeezed into a line
         reach = max(reach, 1.1 * friction)
         colours = [colour for colour, value in zip(cycle(COLOURS), own, strict=False) if value == friction]
-        several = len(frictions) > 1 and len(own) == len(motions)
-        colour = colours[0] if several else NEUTRAL
+        one_cone_each = len(frictions) > 1 and len(own) == len(motions)
+        colour = colours[0] if one_cone_each else NEUTRAL
         for side in (-friction, friction):
             axes.axhline(side, color=colour, linewidth=0.9, zorder=1.5, linestyle="-.")
         entries.append(entry(f"cone ±μ = ±{friction:g}", color=colour, linewidth=0.9, linestyle="-."))
@@ -414,11 +414,11 @@ def method_comparison(motion: Motion, walked: Sequence[Step]) -> Figure:
     handles.append(entry("NLP", marker="o", linestyle="", fillstyle="none"))
     upper.set_ylabel(position_label([motion]))
     rate = motion.state_index(f"d{motion.walker.shape[0]}")
-    for words, columns, line in (("positions", slice(0, rate), "-"), ("velocities", slice(rate, None), ":")):
+    for kind, columns, line in (("positions", slice(0, rate), "-"), ("velocities", slice(rate, None), ":")):
         for at, gap in differences(motion.steps, walked):
             size = np.maximum(np.abs(gap[:, columns]).max(axis=1), ROUNDING)
             lower.semilogy(at, size, color=NEUTRAL, linestyle=line, linewidth=1.1)
-        handles.append(entry(f"difference, {words}", linestyle=line, linewidth=1.1))
+        handles.append(entry(f"difference, {kind}", linestyle=line, linewidth=1.1))
     lower.set_xlabel(time_label([motion]))
     lower.set_ylabel("|NLP − simulation|\n[rad, m; per s]")
     legend_below(figure, [*handles, *mode_legend([mode for step in walked for mode, _ in step.phases])])
@@ -441,22 +441,22 @@ def design_range(gait: Gait) -> Figure:
         (label("spectral_radius"), [point.spectral_radius for point in over.points], bound.maximum if bound else None)
     ]
     if weights:
-        words = label(next(iter(weights)), gait.problem) if len(weights) == 1 else Label(words="objective")
+        minimised = label(next(iter(weights)), gait.problem) if len(weights) == 1 else Label(words="objective")
         sign = np.sign(next(iter(weights.values()))) if len(weights) == 1 else 1.0
-        rows.insert(0, (words, [sign * point.objective for point in over.points], sign * (over.single or 0.0)))
+        rows.insert(0, (minimised, [sign * point.objective for point in over.points], sign * (over.single or 0.0)))
     figure, axes = panels(len(rows), height=1.9 * len(rows) + 0.8)
     changes = [
         (one + other) / 2
         for (one, first), (other, second) in pairwise(zip(values, (p.sequence for p in over.points), strict=True))
         if first != second
     ]
-    for panel, (words, heights, line) in zip(axes, rows, strict=True):
+    for panel, (quantity, heights, line) in zip(axes, rows, strict=True):
         panel.plot(values, heights, color=COLOURS[0])
         if line is not None:
             panel.axhline(line, color=COLOURS[1], linestyle="--", linewidth=1)
         for change in changes:
             panel.axvline(change, color=NEUTRAL, linestyle=":", linewidth=0.8)
-        panel.set_ylabel(str(words))
+        panel.set_ylabel(str(quantity))
     axes[-1].set_xlabel(str(shown.label))
     dashed = " and ".join([*["design for one value"] * bool(weights), *["bound of the radius"] * (bound is not None)])
     handles = [entry(dashed, color=COLOURS[1], linestyle="--", linewidth=1)] if dashed else []

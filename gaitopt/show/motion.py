@@ -107,8 +107,8 @@ def motion_from_record(dynamics: Dynamics, record: Mapping[str, Any], name: str 
 
 
 def resampled(arc: Arc, count: int = 0) -> Arc:
-    """The same arc at ``count`` equidistant times, or at those of ``resampled_places``."""
-    s = np.linspace(-1, 1, count) if count else resampled_places(arc)
+    """The same arc at ``count`` equidistant times, or at those of ``resampled_points``."""
+    s = np.linspace(-1, 1, count) if count else resampled_points(arc)
     if len(arc.times) == 2:  # so short that it is straight
         states = arc.states[0] + (s[:, None] + 1) / 2 * (arc.states[-1] - arc.states[0])
     else:
@@ -116,7 +116,7 @@ def resampled(arc: Arc, count: int = 0) -> Arc:
     return replace(arc, times=arc.start + arc.duration * (s + 1) / 2, states=states)
 
 
-def resampled_places(arc: Arc) -> Array:
+def resampled_points(arc: Arc) -> Array:
     """Points in [-1, 1] along an arc, dense at its ends and close enough that a line through them looks smooth."""
     return np.asarray(np.sin(np.linspace(-1, 1, max(FEWEST_POINTS, 3 * len(arc.times))) * np.pi / 2))
 
@@ -138,7 +138,7 @@ def motor_label(motions: Sequence[Motion]) -> str:
     return ", ".join(f"{MOTOR_WORDS[unit]} [{unit}]" for unit in sorted(units, reverse=True))
 
 
-def cycle_words(motion: Motion) -> str:
+def cycle_sentence(motion: Motion) -> str:
     """The sentence that says when the gait repeats itself."""
     system, steps = motion.dynamics.system, len(motion.steps)
     if system.cycle_end == TOUCHDOWN:

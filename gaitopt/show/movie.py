@@ -29,7 +29,7 @@ from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.contacts import undetermined
 from gaitopt.model.modes import Mode
-from gaitopt.show.film import FAR, Skeleton, contacts_words, ground_tiles, magnifier, rise, skeleton, slope
+from gaitopt.show.film import FAR, Skeleton, describe_contacts, ground_tiles, magnifier, rise, skeleton, slope
 from gaitopt.show.motion import Motion
 from gaitopt.show.style import COLOURS, MODE_COLOURS, NEUTRAL, figure_style, panels
 
@@ -212,8 +212,8 @@ def _magnify(lens: Axes, motion: Motion, frame: "_Frame", width: float, traces: 
         if not traces or traces[-1][:3] != (frame.number, contact, mode):
             traces.append((frame.number, contact, mode, []))
         traces[-1][3].append(foot[0])
-    for _, _, kind, places in traces:
-        ends = np.array([[place - middle, TRACE_HEIGHTS[kind] * width] for place in (places[0], places[-1])])
+    for _, _, kind, xs in traces:
+        ends = np.array([[x - middle, TRACE_HEIGHTS[kind] * width] for x in (xs[0], xs[-1])])
         lens.plot(*_turned(motion, ends).T, color=MODE_COLOURS[kind], linewidth=4, solid_capstyle="butt")
     foot = foot - [middle, base]
     lens.plot(*_turned(motion, foot), "o", color=MODE_COLOURS[mode], markeredgecolor="black", markersize=8, zorder=4)
@@ -290,7 +290,7 @@ class _Frame:
     @property
     def caption(self) -> str:
         """A text with the mode of every contact."""
-        return contacts_words(self.arc.mode)
+        return describe_contacts(self.arc.mode)
 
 
 def _frames(motion: Motion, times: Array) -> Iterator[_Frame]:
@@ -351,24 +351,27 @@ def _draw(axes: Axes, motion: Motion, frame: _Frame, shift: tuple[float, float],
 
 
 def _draw_ground(
-    axes: Axes, motion: Motion, place: tuple[float, float], spacing: float, width: float, *, slopes: bool = True
+    axes: Axes, motion: Motion, origin: tuple[float, float], spacing: float, width: float, *, slopes: bool = True
 ) -> None:
-    """Draw the ground with its marks, which do not move with the walker, its slope, and the tiles of a floor."""
-    tiles = ground_tiles(motion) or [(place[0] - FAR, place[0] + FAR, place[1], place[1], 0.0)]
+    """Draw the ground with its marks, which do not move with the walker, its slope, and the tiles of a floor.
+
+    The point ``origin`` of the cycle [m] is at the origin of the axes.
+    """
+    tiles = ground_tiles(motion) or [(origin[0] - FAR, origin[0] + FAR, origin[1], origin[1], 0.0)]
     for left, right, low, high, change in tiles:
         corners = np.array([[left, low], [right, high], [right, high - TINT * width], [left, low - TINT * width]])
         if change:
             opacity = min(1.0, FAINTEST + abs(change))
             tint = ICY if change < 0 else STICKY
-            axes.fill(*_turned(motion, corners - place).T, color=tint, alpha=opacity, linewidth=0, zorder=0)
+            axes.fill(*_turned(motion, corners - origin).T, color=tint, alpha=opacity, linewidth=0, zorder=0)
     profile = np.array([corner for left, right, low, high, _ in tiles for corner in ((left, low), (right, high))])
-    axes.plot(*_turned(motion, profile - place).T, color="black", linewidth=1)
-    first = ceil((place[0] - width) / spacing)
+    axes.plot(*_turned(motion, profile - origin).T, color="black", linewidth=1)
+    first = ceil((origin[0] - width) / spacing)
     for number in range(first, first + ceil(2 * width / spacing)):
         left, right, low, high, _ = next(tile for tile in tiles if number * spacing <= tile[1])
         x = number * spacing
         y = low + (high - low) * (x - left) / (right - left)
-        mark = _turned(motion, np.array([[x, y], [x - 0.02 * width, y - 0.02 * width]]) - place)
+        mark = _turned(motion, np.array([[x, y], [x - 0.02 * width, y - 0.02 * width]]) - origin)
         axes.plot(*mark.T, color="black", linewidth=1)
     angle = f"{degrees(slope(motion)):.3g}°"
     if slopes and slope(motion):

@@ -34,8 +34,8 @@ POINT = ("position", "velocity")
 """Quantities of a contact in the orbit of a walker with several contacts."""
 MATRICES = ("M", "E", "swing_jacobian", "relabel_jacobian")
 VECTORS = ("equations.h", "equations.swing_foot", "equations.relabel")
-LONGEST_IN_PLACE = 60
-"""Longest subexpression that is written in place if it occurs once [characters]; longer ones are defined by name."""
+LONGEST_INLINE = 60
+"""Longest subexpression that is written inline if it occurs once [characters]; longer ones are defined by name."""
 ENCLOSED = ("step_length", "speed", "work", "cost_of_transport", "required_friction")
 """Scalars that a proof encloses besides the period."""
 OPERATIONS: Mapping[int, str] = {
@@ -173,7 +173,7 @@ def formulas(
     uses, current, operands = Counter[int](), dict[int, int](), list[list[int]]()
     for k in steps:  # operands are the numbers of the instructions that computed them
         plain = operations[k] in (ca.OP_CONST, ca.OP_INPUT)
-        operands.append([] if plain else [current[place] for place in function.instruction_input(k)[:2]])
+        operands.append([] if plain else [current[slot] for slot in function.instruction_input(k)[:2]])
         uses.update(operands[k])
         if operations[k] != ca.OP_OUTPUT:
             current[function.instruction_output(k)[0]] = k
@@ -193,7 +193,7 @@ def formulas(
         elif operations[k] in OPERATIONS:
             form = OPERATIONS[operations[k]]
             texts[k] = form.format(*values) if form[0].isalpha() else f"({form.format(*values)})"
-            if (uses[k] > 1 or len(texts[k]) > LONGEST_IN_PLACE) and operations[k] != ca.OP_NEG:
+            if (uses[k] > 1 or len(texts[k]) > LONGEST_INLINE) and operations[k] != ca.OP_NEG:
                 definitions.append((f"a{len(definitions) + 1}", _bare(texts[k])))
                 texts[k] = definitions[-1][0]
         else:
@@ -256,7 +256,7 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
     }
     points = {f"{name} {what}": getattr(eom.contacts[name], what) for name in walker.contacts for what in POINT}
     gaps = {f"{name} gap": eom.contacts[name].gap for name in walker.contacts}
-    places = {
+    landings = {
         f"{name} {coordinate}": value
         for name, contact in mechanism.contacts.items()
         for coordinate, value in contact.places.items()
@@ -276,7 +276,7 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
             **{f"friction.{name}": value for name, value in friction.items()},
             **{f"torques.{mode}": value for mode, value in torques.items()},
             **{f"contacts.{name}": value for name, value in points.items()},
-            **{f"landings.{name}": value for name, value in (gaps | places).items()},
+            **{f"landings.{name}": value for name, value in (gaps | landings).items()},
             **({"section": eom.sections[system.cycle_end]} if system.cycle_end in eom.sections else {}),
             **{f"feedback.{names[key]}": value for key, value in _corrected(system).items()},
             **{f"further.{kind}.{name}": v for kind, values in further.items() for name, v in values.items()},
@@ -408,7 +408,7 @@ def evaluation_record(gait: Gait) -> dict[str, Any]:
             struck, reset = (table.struck(cycle, number) if is_last else None), None
             lands = not ends_step or system.cycle_end == TOUCHDOWN
             if struck is not None:
-                name = str(cycle.reset_after(number)) if lands else _end_words(system, step is gait.steps[-1])
+                name = str(cycle.reset_after(number)) if lands else _step_end(step is gait.steps[-1])
                 reset = reset_name(name, expressions.reset(struck, arc.mode, ends_step=ends_step))
             elif is_last and cycle.stop_together(number):
                 reset = reset_name(
@@ -457,7 +457,7 @@ def motion_record(gait: Gait, theorem: Mapping[str, Any] | None) -> dict[str, An
             phases.append({"step": k + 1, "mode": mode, "duration": duration, "ends_with": ending.guard})
             after, reset = cycle.after(number), cycle.reset_after(number)
             lands = reset is not None and (after is not None or system.cycle_end == TOUCHDOWN)
-            to = str(after) if after is not None else "impact" if lands else _end_words(system, step is gait.steps[-1])
+            to = str(after) if after is not None else "impact" if lands else _step_end(step is gait.steps[-1])
             event: dict[str, Any] = {"time": end, "step": k + 1, "what": ending.guard, "from": mode, "to": to}
             event["state_before"] = _named(system, arcs[-1].states[-1])
             if after is None:
@@ -494,7 +494,7 @@ def motion_record(gait: Gait, theorem: Mapping[str, Any] | None) -> dict[str, An
     }
 
 
-def _end_words(system: HybridSystem, is_last: bool) -> str:
+def _step_end(is_last: bool) -> str:
     """What follows a step that ends without a landing."""
     return "end of cycle" if is_last else "end of step"
 

@@ -84,14 +84,14 @@ def _urdf(walker: Walker, links: list[dict[str, Any]]) -> Element:
         length = math.hypot(x, z)
         if length > 0:
             visual = SubElement(element, "visual")
-            SubElement(visual, "origin", xyz=_place((x / 2, z / 2)), rpy=f"0 {math.atan2(x, z)!r} 0")
+            SubElement(visual, "origin", xyz=_xyz((x / 2, z / 2)), rpy=f"0 {math.atan2(x, z)!r} 0")
             SubElement(SubElement(visual, "geometry"), "cylinder", radius=repr(RADIUS * length), length=repr(length))
         if link.parent is not None:
             kind = "fixed" if not link.joint else "continuous" if link.range is None else "revolute"
             joint = SubElement(robot, "joint", name=link.joint or f"{link.name}_fixed", type=kind)
             SubElement(joint, "parent", link=link.parent)
             SubElement(joint, "child", link=link.name)
-            SubElement(joint, "origin", xyz=_place(entry["position"]), rpy=f"0 {entry['turn']!r} 0")
+            SubElement(joint, "origin", xyz=_xyz(entry["position"]), rpy=f"0 {entry['turn']!r} 0")
             if link.joint:
                 SubElement(joint, "axis", xyz=f"0 {link.sign} 0")
                 if entry["damping"]:
@@ -106,14 +106,14 @@ def _urdf(walker: Walker, links: list[dict[str, Any]]) -> Element:
             joint = SubElement(robot, "joint", name=f"{link.name}_sole", type="fixed")
             SubElement(joint, "parent", link=link.name)
             SubElement(joint, "child", link=f"{link.name}_foot")
-            SubElement(joint, "origin", xyz=_place(entry["tip"]))
+            SubElement(joint, "origin", xyz=_xyz(entry["tip"]))
     return robot
 
 
 def _inertial(link: Element, com: tuple[float, float], mass: float, inertia: float) -> None:
     """Write mass and moment of inertia, even if they are zero: PyBullet gives a link without them a mass of 1 kg."""
     inertial = SubElement(link, "inertial")
-    SubElement(inertial, "origin", xyz=_place(com))
+    SubElement(inertial, "origin", xyz=_xyz(com))
     SubElement(inertial, "mass", value=repr(mass))
     moment = repr(inertia)
     SubElement(inertial, "inertia", ixx=moment, ixy="0", ixz="0", iyy=moment, iyz="0", izz=moment)
@@ -147,7 +147,7 @@ def _mjcf(walker: Walker, links: list[dict[str, Any]], gravity: tuple[float, flo
             world if link.parent is None else bodies[link.parent],
             "body",
             name=link.name,
-            pos=_place((x, z)),
+            pos=_xyz((x, z)),
             quat=f"{math.cos(turn)!r} 0 {math.sin(turn)!r} 0",
         )
         bodies[link.name] = body
@@ -161,17 +161,17 @@ def _mjcf(walker: Walker, links: list[dict[str, Any]], gravity: tuple[float, flo
             SubElement(body, "joint", hinge | own | span)
         if entry["mass"] > 0 or entry["inertia"] > 0:
             diagonal = " ".join([repr(entry["inertia"])] * 3)
-            SubElement(body, "inertial", pos=_place(entry["com"]), mass=repr(entry["mass"]), diaginertia=diagonal)
+            SubElement(body, "inertial", pos=_xyz(entry["com"]), mass=repr(entry["mass"]), diaginertia=diagonal)
         x, z = entry["tip"]
         length = math.hypot(x, z)
         if length > 0:
-            drawn = {"type": "capsule", "fromto": f"0 0 0 {_place((x, z))}", "size": repr(RADIUS * length), "mass": "0"}
+            drawn = {"type": "capsule", "fromto": f"0 0 0 {_xyz((x, z))}", "size": repr(RADIUS * length), "mass": "0"}
             SubElement(body, "geom", drawn | {"contype": "0", "conaffinity": "0", "group": "1"})
         if link.foot:
-            SubElement(body, "site", name=f"{link.name}_foot", pos=_place((x, z)))
+            SubElement(body, "site", name=f"{link.name}_foot", pos=_xyz((x, z)))
             radius = entry["foot_radius"] or POINT_RADIUS
             sphere = {"name": f"{link.name}_foot", "type": "sphere", "size": repr(radius)}
-            SubElement(body, "geom", sphere, pos=_place((x, z)), mass="0")
+            SubElement(body, "geom", sphere, pos=_xyz((x, z)), mass="0")
     actuators = SubElement(root, "actuator")
     for entry in links:
         link = entry["link"]
@@ -181,5 +181,5 @@ def _mjcf(walker: Walker, links: list[dict[str, Any]], gravity: tuple[float, flo
     return root
 
 
-def _place(point: tuple[float, float]) -> str:
+def _xyz(point: tuple[float, float]) -> str:
     return f"{point[0]!r} 0 {point[1]!r}"
