@@ -29,7 +29,7 @@ from gaitopt.show.style import CURVES, NEUTRAL, Label, entry, figure_style, labe
 Record = Mapping[str, Any]
 
 TINT = 0.42
-"""Part of the colour in the tint of a region; the rest is white, so that curves and names stand out."""
+"""Fraction of the colour in the tint of a region; the rest is white, so that curves and names stand out."""
 EMPTY = {NO_GAIT: "#ffffff", UNKNOWN: "#d9d9d9"}
 """Colour where there is no gait, and where nothing is known."""
 HATCH, HATCH_COLOUR = "////", "#00000038"
@@ -46,7 +46,7 @@ LINES: Mapping[str, tuple[str, str, Any, float]] = {
     "vanishing": ("gait vanishes", "#999933", (0, (1, 1)), 1.6),
     "end": ("gaits end", NEUTRAL, (0, (1, 1.5)), 1.0),
 }
-"""Words, colour, style and width of every type of curve."""
+"""Name, colour, style and width of every type of curve."""
 NAMES = {
     "resonance_1_1": "1:1", "resonance_1_2": "1:2", "resonance_1_3": "1:3", "resonance_1_4": "1:4",
     "fold_flip": "fold–flip", "generalised_flip": "generalised flip", "chenciner": "Chenciner", "cusp": "cusp",
@@ -85,10 +85,10 @@ def atlas_figure(atlas: Atlas, name: str = REGIONS) -> Figure:
         for curve in drawn:
             _, colour, style, width = LINES.get(curve.type, (curve.type, NEUTRAL, "-", 1.0))
             axes.plot(*shown_in(curve.points, atlas.axes).T, color=colour, linestyle=style, linewidth=width, zorder=3)
-        points = [junction for junction in found.junctions if junction.sheet == sheet]
-        places = [tuple(shown_in(np.array([junction.values]), atlas.axes)[0].tolist()) for junction in points]
-        for place in places:
-            axes.plot(*place, "o", color="black", markerfacecolor="white", markersize=5, zorder=5)
+        junctions = [junction for junction in found.junctions if junction.sheet == sheet]
+        points = [tuple(shown_in(np.array([junction.values]), atlas.axes)[0].tolist()) for junction in junctions]
+        for point in points:
+            axes.plot(*point, "o", color="black", markerfacecolor="white", markersize=5, zorder=5)
         if name in SCALARS:
             handles += _contours(axes, atlas, name, sheet)
     first, second = atlas.axes
@@ -98,11 +98,11 @@ def atlas_figure(atlas: Atlas, name: str = REGIONS) -> Figure:
         axes.spines[side].set_visible(True)
     axes.set_xlabel(str(axis_label(first, atlas)))
     axes.set_ylabel(str(axis_label(second, atlas)))
-    texts = [point_name(junction) for junction in points]
-    marks = sorted(zip(texts, places, strict=True), key=lambda mark: len(mark[0]))  # long names find room last
-    write_beside(axes, [(text, *place) for text, place in marks], AWAY, LETTER)
-    words = {region.modes: Patch(facecolor=tints[region.modes], edgecolor=NEUTRAL, linewidth=0.5) for region in shown}
-    for text, patch in words.items():
+    names = [point_name(junction) for junction in junctions]
+    marks = sorted(zip(names, points, strict=True), key=lambda mark: len(mark[0]))  # long names find room last
+    write_beside(axes, [(text, *point) for text, point in marks], AWAY, LETTER)
+    patches = {region.modes: Patch(facecolor=tints[region.modes], edgecolor=NEUTRAL, linewidth=0.5) for region in shown}
+    for text, patch in patches.items():
         patch.set_label(text.replace("_", " "))
         handles.append(patch)
     if any(region.unstable for region in shown):
@@ -154,7 +154,7 @@ def shown_in(points: Array, axes: tuple[Axis, Axis]) -> Array:
 
 
 def _tint(colour: str) -> str:
-    r, g, b = (1 - TINT * (1 - part) for part in to_rgb(colour))
+    r, g, b = (1 - TINT * (1 - channel) for channel in to_rgb(colour))
     return to_hex((r, g, b))
 
 
@@ -199,8 +199,8 @@ def _contours(axes: Axes, atlas: Atlas, scalar: str, sheet: int) -> list[Line2D]
         ]
         if len({row[1] for row in rows}) < 2 or len(rows) < 3:
             continue
-        places = shown_in(np.array(rows)[:, :2], atlas.axes)
-        triangles = _triangles(places, region, atlas)
+        points = shown_in(np.array(rows)[:, :2], atlas.axes)
+        triangles = _triangles(points, region, atlas)
         lines = axes.tricontour(
             triangles, [row[2] for row in rows], levels=levels, colors="#333333", linewidths=0.6, linestyles=":"
         )
@@ -209,7 +209,7 @@ def _contours(axes: Axes, atlas: Atlas, scalar: str, sheet: int) -> list[Line2D]
     return [entry(str(label(scalar, atlas.problem)), color="#333333", linestyle=":", linewidth=0.8)] if drawn else []
 
 
-def _triangles(places: Array, region: Region, atlas: Atlas) -> Triangulation:
+def _triangles(points: Array, region: Region, atlas: Atlas) -> Triangulation:
     """Triangles between neighbouring branches; Delaunay's would connect distant parts of a long region."""
     starts, triangles, count = dict[tuple[int, int], tuple[int, int]](), list[tuple[int, int, int]](), 0
     for j, i in region.segments:
@@ -226,7 +226,7 @@ def _triangles(places: Array, region: Region, atlas: Atlas) -> Triangulation:
                 corner = first + k + 1 if advance else second + p + 1
                 triangles.append((first + k, second + p, corner))
                 k, p = (k + 1, p) if advance else (k, p + 1)
-    return Triangulation(places[:, 0], places[:, 1], np.array(triangles))
+    return Triangulation(points[:, 0], points[:, 1], np.array(triangles))
 
 
 def scalar_names(atlas: Atlas) -> tuple[str, ...]:

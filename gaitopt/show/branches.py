@@ -91,7 +91,7 @@ def over_parameter(
     quantity : key of a scalar in the records.
     """
     figure, (axes,) = panels()
-    handles, drawn, several = dict[str, Line2D](), list[Record](), len(curves) > 1
+    handles, drawn, many_curves = dict[str, Line2D](), list[Record](), len(curves) > 1
     marks = list[tuple[str, float, float]]()
     for (name, stored), colour in zip(curves.items(), cycle(COLOURS), strict=False):
         records = parameter.shown(stored)
@@ -102,7 +102,7 @@ def over_parameter(
             quantity == "spectral_radius"
         ):  # it may grow without bound towards an end: the last point is drawn as the end
             specials = [{**record, "gait": {}} if record["type"] in TERMINAL else record for record in specials]
-        sequences = {} if several else {point["branch"]: _sequence_words(point) for point in points}
+        sequences = {} if many_curves else {point["branch"]: _sequence_title(point) for point in points}
         sequence_colours = dict(
             zip(dict.fromkeys(sequences.values()), cycle(CURVES), strict=False)
         )  # equal sequences share a colour
@@ -112,9 +112,9 @@ def over_parameter(
             line = joined(list(branch), specials, quantity)
             heights, ink = [_heights(point, quantity) for point in line], {"color": branch_colour}
             draw_branch(axes, line, heights, STABLE_LINE | ink, UNSTABLE_LINE | ink)
-            if several or len(sequences) > 1:
+            if many_curves or len(sequences) > 1:
                 handles[title] = entry(title, color=branch_colour)
-        marks += _mark(axes, specials, points, quantity, colour if several else NEUTRAL)
+        marks += _mark(axes, specials, points, quantity, colour if many_curves else NEUTRAL)
         drawn += points
     if quantity == "spectral_radius":
         axes.axhline(1, color=NEUTRAL, linewidth=0.8, linestyle="-.")
@@ -158,11 +158,11 @@ def _insertion(line: Sequence[Record], value: float) -> int:
     return len(line) if not detours or beyond <= min(detours) else int(np.argmin(detours)) + 1
 
 
-def _sequence_words(point: Record) -> str:
+def _sequence_title(point: Record) -> str:
     """The mode sequence of a point for the legend."""
     steps = Cycle.from_record(point).steps
-    words = [f"{mode_words(step.phases, step.timed)}; impact {step.impact.brief}".replace("_", " ") for step in steps]
-    return f"{len(words)} times {words[0]}" if len(words) > 1 and len(set(words)) == 1 else " | ".join(words)
+    titles = [f"{mode_words(step.phases, step.timed)}; impact {step.impact.brief}".replace("_", " ") for step in steps]
+    return f"{len(titles)} times {titles[0]}" if len(titles) > 1 and len(set(titles)) == 1 else " | ".join(titles)
 
 
 def is_stable(point: Record) -> bool:
@@ -232,19 +232,19 @@ def write_beside(
 ) -> None:
     """Write texts beside marks where they cover no mark, text or curve.
 
-    Without such a place a text is left out; if the size of letters is given, it is written where it covers least, and
-    the line to its mark crosses least.
+    A text without such a position is left out; if the size of letters is given, it is written where it covers the
+    fewest points of curves and the line to its mark crosses the fewest marks and texts.
 
     Parameters
     ----------
-    marks : text, possibly empty, and place of every mark.
+    marks : text, possibly empty, and position (x, y) of every mark.
     away : distances at which a text is tried, as multiples of ``MARKER_SIZE``; a line joins a distant text to its mark.
     letter : size of a letter with its space, relative to the axes; by default every text has the size of a value.
     """
     to_axes, back = axes.transData + axes.transAxes.inverted(), axes.transAxes.inverted()
     lines = [(line.get_transform() + back).transform(line.get_xydata()) for line in axes.lines]
     curves = np.concatenate([np.empty((0, 2)), *(_along(line) for line in lines)])
-    taken = [(at - MARKER_SIZE, at + MARKER_SIZE) for at in (to_axes.transform(place) for _, *place in marks)]
+    taken = [(at - MARKER_SIZE, at + MARKER_SIZE) for at in (to_axes.transform(position) for _, *position in marks)]
     for text, value, height in marks:
         at, options = to_axes.transform((value, height)), list[Any]()
         size = VALUE_SIZE if letter is None else np.array([letter[0] * len(text), letter[1]])
@@ -294,17 +294,18 @@ def multiplier_plane(named: Mapping[str, Multipliers]) -> Figure:
     for k, (name, values) in enumerate(named.items()):
         colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
         stable = bool(np.abs(values).max(initial=0.0) < 1)
-        places = _inside(values)
+        drawn = _inside(values)
+        moved = drawn != values
         filled: Any = {"fillstyle": "full" if stable else "none", "clip_on": False}
-        axes.plot(places.real, places.imag, marker, color=colour, markersize=7, **filled)
+        axes.plot(drawn.real, drawn.imag, marker, color=colour, markersize=7, **filled)
         texts = dict[complex, list[str]]()  # the multipliers beyond the picture, by their positions at its edge
-        for place, value in zip(places[places != values].tolist(), values[places != values].tolist(), strict=True):
-            near = next((known for known in texts if abs(known - place) < SHARED_TEXT), place)
+        for z, value in zip(drawn[moved].tolist(), values[moved].tolist(), strict=True):
+            near = next((known for known in texts if abs(known - z) < SHARED_TEXT), z)
             texts.setdefault(near, []).append(f"{abs(value):.3g}")
-        for place, sizes in texts.items():
-            side, shift = ("right", -5) if place.real > 0 else ("left", 5)
+        for z, sizes in texts.items():
+            side, shift = ("right", -5) if z.real > 0 else ("left", 5)
             axes.annotate(
-                ", ".join(sizes), (place.real, place.imag), xytext=(shift, 8 + 12 * k), textcoords="offset points",
+                ", ".join(sizes), (z.real, z.imag), xytext=(shift, 8 + 12 * k), textcoords="offset points",
                 ha=side, color=colour,
             )  # fmt: skip
         title = f"{name} ({'stable' if stable else 'unstable'})"
@@ -331,22 +332,22 @@ def multiplier_paths(records: Sequence[Record], parameter: Parameter) -> Figure:
         on_circle = multipliers[np.abs(np.abs(multipliers) - 1) < ON_CIRCLE]
         axes.plot(on_circle.real, on_circle.imag, "o", color=CROSSING, fillstyle="none")
         for z in on_circle[:1]:
-            place = next((known for known in texts if abs(known - z) < SHARED_TEXT), complex(z))
-            texts.setdefault(place, []).append(f"{special['value']:.4g}")
-    for z, words in texts.items():
+            near = next((known for known in texts if abs(known - z) < SHARED_TEXT), complex(z))
+            texts.setdefault(near, []).append(f"{special['value']:.4g}")
+    for z, labels in texts.items():
         right, up = 9 * z.real / abs(z), 9 * z.imag / abs(z)
         axes.annotate(
-            "\n".join(words), (z.real, z.imag), xytext=(right, up), textcoords="offset points",
+            "\n".join(labels), (z.real, z.imag), xytext=(right, up), textcoords="offset points",
             ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top",
         )  # fmt: skip
     if specials:
         handles.append(entry("stability changes", marker="o", linestyle="", color=CROSSING, fillstyle="none"))
     z = np.concatenate([multipliers_of(point) for point in points])
     values = np.array([point["value"] for point in points for _ in point["multipliers"]])
-    reach, places = max(reach, _reach(z)), _inside(z)
-    scatter = axes.scatter(places.real, places.imag, c=values, cmap="cividis", s=12, linewidths=0)
+    reach, drawn = max(reach, _reach(z)), _inside(z)
+    scatter = axes.scatter(drawn.real, drawn.imag, c=values, cmap="cividis", s=12, linewidths=0)
     figure.colorbar(scatter, ax=axes, label=str(parameter.label), shrink=0.85)
-    if (places != z).any():
+    if (drawn != z).any():
         largest = np.abs(z).max()
         handles.append(entry(f"at the edge: beyond it, |λ| up to {largest:.3g}", marker=".", linestyle=""))
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))

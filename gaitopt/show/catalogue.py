@@ -110,7 +110,7 @@ def figures_of(result: Any) -> Figures:
     TypeError
         If a result of this type has no figures.
     ProblemError
-        If a problem, or its name, is given in place of its gait, or if a branch or a robustness has no figures.
+        If a problem, or its name, is given instead of its gait, or if a branch or a robustness has no figures.
     ValueError
         If a gait or a walk has no motion, or a grid more than two axes.
     """
@@ -245,8 +245,8 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
 
     def draw(name: str) -> Figure:
         if name == "multipliers":
-            return multiplier_plane({words: gait.multipliers for words, gait in named})
-        motions = [motion_of(gait, words) for words, gait in named]
+            return multiplier_plane({title: gait.multipliers for title, gait in named})
+        motions = [motion_of(gait, title) for title, gait in named]
         if name == RANGE:
             return design_range(first)
         if name == "methods":
@@ -333,9 +333,9 @@ def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
     """
     folder, *others = folders
     if others:
-        if any(kind_of(place) != "branch" for place in folders):
+        if any(kind_of(path) != "branch" for path in folders):
             return []
-        branches = {str(place): stored_branch(place) for place in folders}
+        branches = {str(path): stored_branch(path) for path in folders}
         keys = list(dict.fromkeys(parameter for _, parameter, _ in branches.values()))
         if len(keys) > 1:
             raise UnknownNameError(f"branches over {' and '.join(keys)} have no common axis; draw them one by one")
@@ -344,15 +344,13 @@ def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
         return [_families_figures(records, parameter_of(problem, key))]
     kind = kind_of(folder)
     if kind == "attractors":
-        if foreign := [place for place in over if kind_of(place) != "branch"]:
+        if foreign := [path for path in over if kind_of(path) != "branch"]:
             raise UnknownNameError(f"--over {foreign[0]}: is not a folder with branches, as `gaitopt continue` writes")
-        settled, branches = read_attractors(folder), {str(place): stored_branch(place) for place in over}
-        for place, (_, key, _) in branches.items():
+        settled, branches = read_attractors(folder), {str(path): stored_branch(path) for path in over}
+        for path, (_, key, _) in branches.items():
             if key != settled.axis.key:
-                raise UnknownNameError(
-                    f"{place} is a branch over {key}, but the attractors are over {settled.axis.key}"
-                )
-        return [attractor_figures(settled, {place: records for place, (_, _, records) in branches.items()})]
+                raise UnknownNameError(f"{path} is a branch over {key}, but the attractors are over {settled.axis.key}")
+        return [attractor_figures(settled, {path: records for path, (_, _, records) in branches.items()})]
     if over:
         raise UnknownNameError(f"--over draws attractors over branches, but {folder} contains no attractors")
     if kind == "branch":

@@ -188,8 +188,8 @@ def basin(result: Basin) -> Figure:
     if len(result.grid.axes) > 2:
         raise ValueError(f"a picture needs a grid over one or two coordinates, not {len(result.grid.axes)}")
     first, *second = result.grid.axes
-    classes, several = result.labels.copy(), len(result.attractors) > 1
-    titles = [f"{gait} {k}" if several else str(gait) for k, gait in enumerate(result.attractors, 1)]
+    classes, numbered = result.labels.copy(), len(result.attractors) > 1
+    titles = [f"{gait} {k}" if numbered else str(gait) for k, gait in enumerate(result.attractors, 1)]
     colours = [COLOURS[k % len(COLOURS)] for k in range(len(titles))]
     endings, counts = np.unique(result.endings[result.labels < 0], return_counts=True)
     for ending in endings[np.argsort(-counts)]:
@@ -286,9 +286,9 @@ def pareto_front(
             axes.plot(record[first], record[second], marker, color=colour, markerfacecolor=face, markersize=6)
         handles.append(entry(name, color=colour))
     for stable, beaten in sorted(looks, key=lambda look: (look[1], not look[0])):
-        face, words = (NEUTRAL, "stable") if stable else ("white", "unstable")
+        face, stability = (NEUTRAL, "stable") if stable else ("white", "unstable")
         marker, more = (BEATEN, ", beaten by another") if beaten else (ON_FRONT, "")
-        handles.append(entry(words + more, marker=marker, linestyle="", markerfacecolor=face))
+        handles.append(entry(stability + more, marker=marker, linestyle="", markerfacecolor=face))
     reasons = {
         point["status"]: f"{point['status'].replace('_', ' ')}: {point['message']}" for point in reversed(failed)
     }

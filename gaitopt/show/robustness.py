@@ -26,7 +26,7 @@ ALL = "strips"
 SINGLE = 0.0005
 """Half the width of a strip in which a single value was tried, in the unit of the axis."""
 CLOSE_BEFORE = 0.15
-"""A label is written to the left of its limit if the limit lies in this last part of the axis."""
+"""A label is written to the left of its limit if the limit lies in this last fraction of the axis."""
 
 
 def strips(result: Robustness, name: str) -> Figure:
@@ -43,7 +43,7 @@ def strips(result: Robustness, name: str) -> Figure:
         figure, axes = _grid([len(result.strips[kind]) for kind in kinds])
     for kind, panel in zip(kinds, axes, strict=True):
         _draw_strips(panel, kind, result.strips[kind])
-    legend_below(figure, [entry(words, color=colour, linewidth=6) for words, colour in LEGEND])
+    legend_below(figure, [entry(title, color=colour, linewidth=6) for title, colour in LEGEND])
     return figure
 
 

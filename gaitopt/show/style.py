@@ -180,8 +180,8 @@ def mode_legend(modes: Sequence[Mode], *, each: bool = False) -> list[Line2D]:
         styles += [FLIGHT_DOTS] * any(not mode.touching for mode in modes)
     else:
         styles = [dashes(mode) for mode in modes]
-    several = not each and any(len(mode.touching) > 1 for mode in modes)
-    texts = ("a foot sticks", "all feet on the ground slip") if several else ("foot sticks", "foot slips")
+    many_feet = not each and any(len(mode.touching) > 1 for mode in modes)
+    texts = ("a foot sticks", "all feet on the ground slip") if many_feet else ("foot sticks", "foot slips")
     known = zip(("-", SLIP_DASHES, FLIGHT_DOTS), (*texts, "flight"), strict=True)
     return [entry(text, linestyle=style) for style, text in known if style in styles]
 
@@ -245,7 +245,7 @@ def parameter_of(problem: Problem, key: str) -> Parameter:
 
 
 def symbol(state: str) -> str:
-    """The symbol of a state: θ̇₁ for ``dtheta1``, and the two words ``stance shin`` for ``stance_shin``."""
+    """The symbol of a state: θ̇₁ for ``dtheta1``, and ``stance shin`` for ``stance_shin``."""
     rate = state.startswith("d") and len(state) > 1
     name = state[1:] if rate else state
     stem = name.rstrip("0123456789")
