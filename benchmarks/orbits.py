@@ -116,7 +116,7 @@ def prove(gait: go.Gait, exact: dict[str, str], file: Path) -> tuple[dict | None
     if (kept.get("sha256"), kept.get("parameters")) != (gait.problem.digest, exact):
         proof = go.prove(gait, progress=False)
         if not proof.proved:
-            return None, "; ".join(claim.words for claim in proof.claims if not claim.proved)
+            return None, "; ".join(claim.finding for claim in proof.claims if not claim.proved)
         file.write_text(compact(proof.certificate))
     return json.loads(json.dumps(proof.to_record())), None
 

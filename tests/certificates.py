@@ -45,7 +45,7 @@ def certificate_of(name):
 
 def failed(result):
     """What is not proved, by the name of the claim."""
-    return {claim.name: claim.words for claim in result.claims if not claim.proved}
+    return {claim.name: claim.finding for claim in result.claims if not claim.proved}
 
 
 def failures(certificate, **options):

@@ -41,5 +41,5 @@ def solved(problem: Problem | str, **options: Any) -> Gait:
 def verified(problem: Problem | str, **options: Any) -> Gait:
     """The gait of a problem, every claim about which the simulator confirms."""
     gait = solved(problem, **options)
-    assert [claim.words for claim in verify(gait).claims if not claim.passed] == []
+    assert [claim.summary for claim in verify(gait).claims if not claim.passed] == []
     return gait

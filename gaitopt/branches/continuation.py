@@ -304,7 +304,7 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
                 return
             if not check.passed:
                 worst = next(claim for claim in check.claims if not claim.passed)
-                reason = f"the simulator disagrees: {worst.words}"
+                reason = f"the simulator disagrees: {worst.summary}"
                 end = replace(self._special("end", self.point, "guess", reason), gait=gait)
                 yield self._vanishing() or end
                 return

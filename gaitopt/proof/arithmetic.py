@@ -123,7 +123,7 @@ BINARY: Mapping[int, Callable[[Number, Number], Number]] = {
 
 
 class NotProved(Exception):
-    """A claim that could not be proved; the message gives its place and its margin."""
+    """A claim that could not be proved; the message says where it fails and by how much."""
 
 
 class Refuted(NotProved):

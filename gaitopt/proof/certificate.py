@@ -219,5 +219,5 @@ def read_certificate(certificate: Mapping[str, Any]) -> CertificateRecord:
         return CertificateRecord.model_validate(dict(certificate))
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        place = ".".join(str(key)[:60] for key in first["loc"])
-        raise StorageError(f"{place}: {first['msg']}") from error
+        field = ".".join(str(key)[:60] for key in first["loc"])
+        raise StorageError(f"{field}: {first['msg']}") from error

@@ -78,7 +78,7 @@ class CheckedBox:
     inner : the image, if it is proved to hold the orbit. None if an enclosure failed; all fields below are then empty.
     state : bounds of the state just after the last impact, by name.
     durations : bounds of the durations of the phases [s].
-    derivatives : derivatives of the return map, one for each part of the interval.
+    derivatives : derivatives of the return map, one for each subinterval (``SPLIT``) of the parameter's interval.
     multipliers : bounds of the multipliers, largest modulus first.
     cycle : enclosure of one cycle of the motion.
     """
@@ -168,7 +168,7 @@ class Proof:
             {
                 "claim": claim.name,
                 "proved": claim.proved,
-                "words": claim.words,
+                "words": claim.finding,
                 "margin": None if claim.margin is None else decimal_bounds(claim.margin)[0],
             }
             for claim in self.claims
@@ -215,7 +215,7 @@ def check(
             statement = restore_statement(read_certificate(certificate), walkers, controls)
             boxes = list(_checked_boxes(statement))
         except (ValueError, NotProved) as fault:
-            claim = ProofClaim(STATEMENT, proved=False, words=str(fault))
+            claim = ProofClaim(STATEMENT, proved=False, finding=str(fault))
             name = statement.problem.name if statement else "unknown"
             return Proof(name, (claim,), certificate, statement.printed if statement else Hypotheses())
         return conclude(statement, boxes, certificate)
@@ -227,7 +227,7 @@ def _checked_boxes(statement: Statement) -> Iterator[CheckedBox]:
     Raises
     ------
     ValueError
-        If there is no box, if several boxes come without a varying parameter, or if a box does not fit the equations.
+        If there is no box, more than one box without a varying parameter, or a box that does not fit the equations.
     """
     records = statement.record.boxes
     if not records:
@@ -263,8 +263,8 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True, i
         box = replace(box, image=image)
         require_contraction(orbit, outer, image)
         radius = max(w.abs_upper() for w in outer.deviation).str(3, radius=False)
-        words = f"exactly one periodic orbit lies within {radius} of the centre in every unknown"
-        box = replace(box, claims=(ProofClaim(EXISTENCE, proved=True, words=words),))
+        finding = f"exactly one periodic orbit lies within {radius} of the centre in every unknown"
+        box = replace(box, claims=(ProofClaim(EXISTENCE, proved=True, finding=finding),))
         if not orbit.is_long and not is_source:
             # the image holds the orbit too, and gives narrower bounds of everything else
             narrow = TiltedBox(outer.centre, outer.tilt, [move.union(arb(0)) for move in deviations(outer, image)])
@@ -290,7 +290,7 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True, i
             cycle=cycle,
         )
     except NotProved as failure:
-        claim = ProofClaim(MOTION if box.claims else EXISTENCE, proved=False, words=str(failure))
+        claim = ProofClaim(MOTION if box.claims else EXISTENCE, proved=False, finding=str(failure))
         return replace(box, claims=(*box.claims, claim))
 
 
@@ -330,8 +330,8 @@ def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Map
     ]
     if missing or any(box.inner is None for box in boxes):
         if proof.proved:
-            words = f"is not proved on every box: {', '.join(missing) or MOTION}"
-            proof = replace(proof, claims=(*claims, ProofClaim(COMPLETENESS, proved=False, words=words)))
+            reason = f"is not proved on every box: {', '.join(missing) or MOTION}"
+            proof = replace(proof, claims=(*claims, ProofClaim(COMPLETENESS, proved=False, finding=reason)))
         return proof
     if statement.interval:
         if not brackets_margin and not proof.proved:
@@ -343,8 +343,8 @@ def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Map
         claims.append(sign_change_claim(special, boxes))
     else:
         verdict = {True: "stable", False: "unstable", None: UNDECIDED}[proof.stable]
-        words = f"{verdict}: the largest modulus of a multiplier is {proof.spectral_radius}"
-        claims.append(ProofClaim(STABILITY, proved=proof.spectral_radius is not None, words=words))
+        finding = f"{verdict}: the largest modulus of a multiplier is {proof.spectral_radius}"
+        claims.append(ProofClaim(STABILITY, proved=proof.spectral_radius is not None, finding=finding))
         if proof.stable is None:
             silent = [
                 *proof.statement["not_proved"],
@@ -381,19 +381,19 @@ def _law_data_claim(statement: Statement, boxes: Sequence[CheckedBox]) -> ProofC
     if statement.own_duration is not None:
         return duration_claim(statement.own_duration, _union(periods), OWN_DURATION_ERROR, "the orbit")
     if source is None:
-        return ProofClaim(LAW_DATA, proved=False, words="the proof of the gait that gives the duration is missing")
+        return ProofClaim(LAW_DATA, proved=False, finding="the proof of the gait that gives the duration is missing")
     name = source.problem.name
     try:
         (record,) = source.record.boxes
         box = check_box(source, record, is_source=True)
     except ValueError as fault:
-        return ProofClaim(LAW_DATA, proved=False, words=f"{name}: its proof has not one box that fits: {fault}")
+        return ProofClaim(LAW_DATA, proved=False, finding=f"{name}: its proof has not one box that fits: {fault}")
     claims = [*box.claims, *([_law_data_claim(source, [box])] if _has_law_data(source) and box.inner else [])]
     needed = (EXISTENCE, *mode_claim_names(source.system, source.law, source.cycle, source.arcs))
-    failed = [f"{claim.name}: {claim.words}" for claim in claims if not claim.proved]
+    failed = [f"{claim.name}: {claim.finding}" for claim in claims if not claim.proved]
     failed += [f"{name} is missing" for name in needed if name not in {claim.name for claim in claims}]
     if failed or box.cycle is None:
-        return ProofClaim(LAW_DATA, proved=False, words=f"the gait of {name} is not proved: {failed[0]}")
+        return ProofClaim(LAW_DATA, proved=False, finding=f"the gait of {name} is not proved: {failed[0]}")
     if isinstance(data, DurationRecord):
         return duration_claim(data.duration, sum(box.durations, arb(0)), DURATION_ERROR, f"a proved gait of {name}")
     orbit, _ = restore_box(source, source.record.boxes[0])
@@ -410,8 +410,9 @@ def _merge_claims(claims_by_box: Iterable[Sequence[ProofClaim]]) -> Iterator[Pro
     for name, claims in by_name.items():
         worst = min(claims, key=lambda claim: claim.proved)
         margins = [claim.margin for claim in claims if claim.margin is not None]
-        words = worst.words if len(claims) == 1 or not worst.proved else f"in {len(claims)} boxes; first: {worst.words}"
-        yield ProofClaim(name, worst.proved, words, min(margins) if margins and worst.proved else None)
+        is_first = len(claims) > 1 and worst.proved
+        finding = f"in {len(claims)} boxes; first: {worst.finding}" if is_first else worst.finding
+        yield ProofClaim(name, worst.proved, finding, min(margins) if margins and worst.proved else None)
 
 
 def _union(values: Sequence[Any]) -> Any:
@@ -432,22 +433,22 @@ def connection_claim(boxes: Sequence[CheckedBox], interval: Sequence[str]) -> Pr
             or box.interval[1] != following.interval[0]
             or not (holds(box.outer, 1, following.inner, -1) or holds(following.outer, -1, box.inner, 1))
         ):
-            words = f"boxes {k} and {k + 1} are not shown to hold the same orbit"
-            return ProofClaim(CONNECTION, proved=False, words=words)
+            gap = f"boxes {k} and {k + 1} are not shown to hold the same orbit"
+            return ProofClaim(CONNECTION, proved=False, finding=gap)
     if [boxes[0].interval[0], boxes[-1].interval[1]] != list(interval):
-        return ProofClaim(CONNECTION, proved=False, words="the boxes do not reach both ends of the interval")
-    words = f"the orbits form one smooth family, without a gap, in {counted(len(boxes), 'box', 'boxes')}"
-    return ProofClaim(CONNECTION, proved=True, words=words)
+        return ProofClaim(CONNECTION, proved=False, finding="the boxes do not reach both ends of the interval")
+    finding = f"the orbits form one smooth family, without a gap, in {counted(len(boxes), 'box', 'boxes')}"
+    return ProofClaim(CONNECTION, proved=True, finding=finding)
 
 
 def sign_change_claim(kind: str, boxes: Sequence[CheckedBox]) -> ProofClaim:
     """The claim that the test function of a special point changes its sign between the first box and the last."""
     tests = {"neimark_sacker": _neimark_sacker, "period_doubling": _period_doubling}
     try:
-        words = _margin_change(kind, boxes) if kind in MARGIN_CHANGES else tests[kind](boxes)
+        finding = _margin_change(kind, boxes) if kind in MARGIN_CHANGES else tests[kind](boxes)
     except NotProved as failure:
-        return ProofClaim(SIGN_CHANGE, proved=False, words=str(failure))
-    return ProofClaim(SIGN_CHANGE, proved=True, words=words)
+        return ProofClaim(SIGN_CHANGE, proved=False, finding=str(failure))
+    return ProofClaim(SIGN_CHANGE, proved=True, finding=finding)
 
 
 def _neimark_sacker(boxes: Sequence[CheckedBox]) -> str:
@@ -493,9 +494,9 @@ def _margin_change(kind: str, boxes: Sequence[CheckedBox]) -> str:
         raise NotProved("it is not shown that the mode sequence is violated at the other end")
     foreign = [claim for claim in refuted if kind_of(claim.violated) not in MARGIN_CHANGES[kind]]
     if foreign:
-        raise NotProved(f"what is violated at the other end makes it no {kind}: {foreign[0].words}")
+        raise NotProved(f"what is violated at the other end makes it no {kind}: {foreign[0].finding}")
     here, there = ("lower", "upper") if end == 0 else ("upper", "lower")
     return (
         f"at the {here} end the orbit is a gait of its mode sequence; at the {there} end it is not, because a margin "
-        f"that makes a {kind} is negative: {refuted[0].name}: {refuted[0].words}"
+        f"that makes a {kind} is negative: {refuted[0].name}: {refuted[0].finding}"
     )

@@ -1,7 +1,7 @@
 """The claims that make a periodic orbit a gait with a given mode sequence, and bounds of the gait's measures.
 
 The claims are numbers 2 to 7 of docs/developer/theorem.md; they hold for all orbits in the proved box. Margins have to
-be positive on whole arcs. Their enclosed Taylor series are divided in time until each part has one kind, written as a
+be positive on whole arcs. Each arc is divided in time until its margins have one kind on every interval, written as a
 letter:
 
     p  positive      n  negative      u  rising      d  falling      ?  none of these is shown
@@ -36,14 +36,14 @@ from gaitopt.proof.orbit import CycleEnclosure, Orbit, OrbitArc
 from gaitopt.proof.taylor import TaylorStep, compose, derivative, evaluate, taylor_coefficients
 
 POSITIVE, ENDS, TOUCHDOWN, FLIGHT = "p+", "p*d+", "n*u*p+d+", "p+d+"
-PATTERN_WORDS = {
+PREDICATES = {
     POSITIVE: "is positive throughout",
     ENDS: "is positive and falls monotonically to its zero at the end",
     TOUCHDOWN: "falls to zero for the first time after positive values at the end of the step",
     FLIGHT: "is positive from take-off until it falls to zero at the end of the step",
 }
 MOST_HALVINGS = 14
-"""A step of the integration is halved at most this many times; a part that then has no kind fails its claim."""
+"""A step of the integration is halved at most this many times; an interval that then has no kind fails its claim."""
 COMPARISON_DEPTH = 30
 """Depth to which the expression of a margin is compared with that of a condition."""
 MOST_REFINEMENTS = 6
@@ -51,7 +51,7 @@ MOST_REFINEMENTS = 6
 function along it is too wide."""
 NOW = arb(0)
 RELATIVE_WIDTH = 1e-12
-"""A part is not divided further once its upper bound exceeds the known maximum by less than this part of it."""
+"""An interval is not divided further once its upper bound exceeds the known maximum by less than this fraction."""
 SLIPS, CONES = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD), ("cone_forward", "cone_backward")
 APPARENT_MASS, UNIQUE_FORCES, TIME_WINDOW, AT_REST = "apparent mass", "unique forces", "time window", "mode at rest"
 IMPACT, SECTION, LANDS = "impact", "section", "touchdown"
@@ -66,7 +66,7 @@ class ProofClaim:
     Attributes
     ----------
     name : the name of the claim: which arc or step it concerns, and which margin.
-    words : the statement in words, or why it is not proved.
+    finding : what is proved, or why the claim is not.
     margin : proved lower bound of the quantity that has to be positive, if there is one.
     refuted : whether the contrary is proved.
     violated : the margin that is proved to be negative, if it is a single one.
@@ -74,23 +74,23 @@ class ProofClaim:
 
     name: str
     proved: bool
-    words: str
+    finding: str
     margin: arb | None = None
     refuted: bool = False
     violated: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class SignPart:
-    """A part of an arc on which a function has one kind.
+class SignInterval:
+    """A time interval of an arc on which a function has one kind.
 
     Attributes
     ----------
     kind : ``p``, ``n``, ``u``, ``d`` or ``?``.
     start, end : time since the start of the arc [s].
-    value : enclosure of the function on the part, divided by t^order.
-    order : order of the zero at the start of the part; 0 if there is none.
-    within : whether the whole part certainly lies before the end of the arc, whose time is only enclosed.
+    value : enclosure of the function on the interval, divided by t^order.
+    order : order of the zero at the start of the interval; 0 if there is none.
+    within : whether the whole interval certainly lies before the end of the arc, whose time is only enclosed.
     """
 
     kind: str
@@ -101,20 +101,20 @@ class SignPart:
     within: bool
 
 
-def sign_parts(
+def sign_intervals(
     steps: Iterable[tuple[Sequence[arb], arb]], order: int = 0, *, monotone: bool = True, start_of_step: arb = NOW
-) -> Iterator[SignPart]:
-    """Divide an arc into parts on which a function has one kind, in order of time.
+) -> Iterator[SignInterval]:
+    """Divide an arc into intervals on which a function has one kind, in order of time.
 
     Parameters
     ----------
     steps : the function on every step, and the length of the step [s].
     order : order of the zero with which the function starts; 0 if it starts with another value.
-    monotone : whether a part may be classified as ``u`` or ``d``; if not, it is divided until its sign is known.
+    monotone : whether an interval may be classified as ``u`` or ``d``; if not, it is divided until its sign is known.
     start_of_step : time of the first step since the start of the arc [s].
     """
     for k, (series, h) in enumerate(steps):
-        # the length of the step is a ball; the parts cover it up to its upper bound
+        # the length of the step is a ball; the intervals cover it up to its upper bound
         pending = [(arb(0), arb(h.upper()), MOST_HALVINGS)]
         while pending:
             start, end, depth = pending.pop()
@@ -128,30 +128,32 @@ def sign_parts(
                 middle = ((start + end) / 2).mid()
                 pending += [(middle, end, depth - 1), (start, middle, depth - 1)]
             else:
-                yield SignPart(kind, start_of_step + start, start_of_step + end, value, zero, bool(end <= h.lower()))
+                times, within = (start_of_step + start, start_of_step + end), bool(end <= h.lower())
+                yield SignInterval(kind, *times, value, zero, within)
         start_of_step += h.mid()
 
 
-def check_pattern(name: str, parts: Sequence[SignPart], pattern: str) -> str:
-    """The kinds of all parts as letters with counts (``p7 d2``), if they match a pattern.
+def check_pattern(name: str, intervals: Sequence[SignInterval], pattern: str) -> str:
+    """The kinds of all intervals as letters with counts (``p7 d2``), if they match a pattern.
 
     Raises
     ------
     NotProved
-        If the parts do not match the pattern; the message says where, and which values the function may have there.
+        If the intervals do not match the pattern; the message says where, and which values the function may have there.
     Refuted
         If the function is negative where it has to be positive.
     """
-    kinds = "".join(part.kind for part in parts)
+    kinds = "".join(interval.kind for interval in intervals)
     if not re.fullmatch(pattern, kinds):
-        negative = [] if pattern == TOUCHDOWN else [part for part in parts if part.kind == "n" and part.within]
+        negative = [] if pattern == TOUCHDOWN else [each for each in intervals if each.kind == "n" and each.within]
         matching = max(k for k in range(len(kinds) + 1) if re.fullmatch(pattern.replace("+", "*"), kinds[:k]))
-        part = min(negative, key=lambda part: part.value.upper(), default=parts[min(matching, len(parts) - 1)])
-        when = f"between {float(part.start):.6g} and {float(part.end):.6g} s of the arc"
-        words = f"{name} is {part.value.str(6)} {when}: that it {PATTERN_WORDS[pattern]} is"
+        first_mismatch = intervals[min(matching, len(intervals) - 1)]
+        worst = min(negative, key=lambda interval: interval.value.upper(), default=first_mismatch)
+        when = f"between {float(worst.start):.6g} and {float(worst.end):.6g} s of the arc"
+        finding = f"{name} is {worst.value.str(6)} {when}: that it {PREDICATES[pattern]} is"
         if negative:
-            raise Refuted(f"{words} false", name)
-        raise NotProved(f"{words} not shown")
+            raise Refuted(f"{finding} false", name)
+        raise NotProved(f"{finding} not shown")
     return " ".join(f"{kind}{len(list(group))}" for kind, group in groupby(kinds))
 
 
@@ -199,10 +201,10 @@ def mode_sequence_claims(orbit: Orbit, cycle: CycleEnclosure) -> Iterator[ProofC
     for j, arc in enumerate(orbit.arcs):
         y_end, title = cycle.ends[j], f"arc {j + 1}, {arc.mode}"
         margins_at_end = orbit.field(arc.mode, j).margins(y_end)[0]
-        for (name, parts), at_end in zip(signs[j].items(), margins_at_end, strict=True):
+        for (name, intervals), at_end in zip(signs[j].items(), margins_at_end, strict=True):
             if name not in _rising(orbit):
                 pattern = ENDS if name in arc.zeros else POSITIVE
-                yield _claim(f"{title}: {name}", _margin, name, parts, pattern, at_end)
+                yield _claim(f"{title}: {name}", _margin, name, intervals, pattern, at_end)
         if alone and arc.mode.sticks and not system.walker.massless_feet:
             yield _claim(f"{title}: {APPARENT_MASS}", _apparent_mass, orbit, cycle, j)
         if not alone and arc.mode.touching:
@@ -216,17 +218,17 @@ def mode_sequence_claims(orbit: Orbit, cycle: CycleEnclosure) -> Iterator[ProofC
             before_end = f"step {orbit.step(j) + 1}, " if len(sequence.steps) > 1 else ""
         if alone and orbit.swaps(j):
             swing = [i for i in orbit.swing(j) if system.transitions.may_land(orbit.arcs[i].mode)]
-            parts = [*chain(*(signs[i].get(LANDS, []) for i in swing))]
+            intervals = [*chain(*(signs[i].get(LANDS, []) for i in swing))]
             takes_off = (
-                system.walker.flies and parts[0].order and _vanishes_on_ground(system, orbit.arcs[swing[0]].mode)
+                system.walker.flies and intervals[0].order and _vanishes_on_ground(system, orbit.arcs[swing[0]].mode)
             )
             pattern = FLIGHT if takes_off else TOUCHDOWN
-            yield _claim(f"{before_end}{LANDS}", _margin, LANDS, parts, pattern, arb(0))
+            yield _claim(f"{before_end}{LANDS}", _margin, LANDS, intervals, pattern, arb(0))
         if section and orbit.ends_step(j):
-            parts = list[SignPart]()
+            intervals = list[SignInterval]()
             for i in orbit.arcs_of(orbit.step(j)):
-                parts += signs[i][section] if i == j else _before_jump(orbit, cycle, i, section, signs[i][section])
-            yield _claim(f"{before_end}{section}", _margin, section, parts, TOUCHDOWN, arb(0))
+                intervals += signs[i][section] if i == j else _before_jump(orbit, cycle, i, section, signs[i][section])
+            yield _claim(f"{before_end}{section}", _margin, section, intervals, TOUCHDOWN, arb(0))
         if orbit.struck(j) is not None:
             yield _claim(f"{before_end}{IMPACT}", _impact, orbit, j, y_end)
     if orbit.solved:
@@ -236,13 +238,13 @@ def mode_sequence_claims(orbit: Orbit, cycle: CycleEnclosure) -> Iterator[ProofC
 def _claim(name: str, prove: Callable[..., tuple[str, arb | None]], *arguments: Any) -> ProofClaim:
     """The claim of this name: proved if ``prove`` succeeds on the arguments, with the reason if it fails."""
     try:
-        words, margin = prove(*arguments)
+        finding, margin = prove(*arguments)
     except NotProved as failure:
         violated = failure.margin if isinstance(failure, Refuted) else ""
         return ProofClaim(
-            name, proved=False, words=str(failure), refuted=isinstance(failure, Refuted), violated=violated
+            name, proved=False, finding=str(failure), refuted=isinstance(failure, Refuted), violated=violated
         )
-    return ProofClaim(name, proved=True, words=words, margin=margin)
+    return ProofClaim(name, proved=True, finding=finding, margin=margin)
 
 
 def _rising(orbit: Orbit) -> tuple[str, ...]:
@@ -254,20 +256,22 @@ def _rising(orbit: Orbit) -> tuple[str, ...]:
     return (_section_margin(orbit.system), LANDS) if lands else (_section_margin(orbit.system),)
 
 
-def _before_jump(orbit: Orbit, cycle: CycleEnclosure, j: int, name: str, parts: Sequence[SignPart]) -> list[SignPart]:
+def _before_jump(
+    orbit: Orbit, cycle: CycleEnclosure, j: int, name: str, intervals: Sequence[SignInterval]
+) -> list[SignInterval]:
     """The signs of a margin along an arc, and the sign with which it ends if an impact follows, where it may jump.
 
     Without that sign, a fall to zero just before the jump and the one at the end of the cycle would look like one fall.
     """
     if not orbit.arcs[j].ends_phase or orbit.sequence.reset_after(orbit.arcs[j].phase) is None:
-        return [*parts]
+        return [*intervals]
     margins = orbit.field(orbit.arcs[j].mode, j).margins(cycle.ends[j])[0]
     value = margins[orbit.system.transitions.margin_names(orbit.arcs[j].mode).index(name)]
     sign, monotone = ("p", "d") if value > 0 else ("n", "u") if value < 0 else ("?", "")
-    known = [*parts, replace(parts[-1], kind=sign, value=value, order=0)]
-    # a part that falls to a positive value, or rises to a negative one, has the sign of this value
-    for k in range(len(parts) - 1, -1, -1):
-        if parts[k].kind != monotone:
+    known = [*intervals, replace(intervals[-1], kind=sign, value=value, order=0)]
+    # a margin that falls to a positive value, or rises to a negative one, has the sign of this value
+    for k in range(len(intervals) - 1, -1, -1):
+        if intervals[k].kind != monotone:
             break
         known[k] = known[-1]
     return known
@@ -314,7 +318,7 @@ def _released(system: HybridSystem, sequence: Cycle, arcs: Sequence[OrbitArc], j
     return {name for name in before.mode.touching if not before.mode.directions[name]} - {*arcs[j].mode.touching}
 
 
-def _margin_signs(orbit: Orbit, cycle: CycleEnclosure, j: int) -> dict[str, list[SignPart]]:
+def _margin_signs(orbit: Orbit, cycle: CycleEnclosure, j: int) -> dict[str, list[SignInterval]]:
     """The signs of all margins of the mode along arc ``j``, by name."""
     arc, margins = orbit.arcs[j], orbit.field(orbit.arcs[j].mode, j).margins
     names, starts_phase = orbit.system.transitions.margin_names(arc.mode), _starts_phase(orbit.arcs, j)
@@ -332,26 +336,27 @@ def _signs(
     functions: Callable[[TaylorStep], list[list[arb]]],
     orders: Sequence[int] = (),
     monotone: Sequence[bool] = (),
-) -> list[list[SignPart]]:
+) -> list[list[SignInterval]]:
     """The signs of functions along an arc. A step is divided where the remainder of a function is too wide.
 
     Parameters
     ----------
     functions : the functions along a step, as polynomials in time.
-    orders, monotone : see ``sign_parts``, for each function; none starts with a zero, and none may be monotone.
+    orders, monotone : see ``sign_intervals``, for each function; none starts with a zero, and none may be monotone.
     """
-    by_step, start, pending = list[list[list[SignPart]]](), NOW, [(step, MOST_REFINEMENTS) for step in [*steps][::-1]]
+    by_step, start = list[list[list[SignInterval]]](), NOW
+    pending = [(step, MOST_REFINEMENTS) for step in [*steps][::-1]]
     while pending:
-        (step, depth), of_step = pending.pop(), list[list[SignPart]]()
+        (step, depth), of_step = pending.pop(), list[list[SignInterval]]()
         for k, values in enumerate(functions(step)):
             order, either = orders[k] if orders and start.is_zero() else 0, bool(monotone and monotone[k])
-            of_step.append([*sign_parts([(values, hull(step.h))], order, monotone=either, start_of_step=start)])
-        if depth and any(part.kind == "?" for parts in of_step for part in parts):
+            of_step.append([*sign_intervals([(values, hull(step.h))], order, monotone=either, start_of_step=start)])
+        if depth and any(each.kind == "?" for intervals in of_step for each in intervals):
             pending += [(half, depth - 1) for half in reversed(step.halves())]
             continue
         by_step.append(of_step)
         start += hull(step.h).mid()
-    return [[*chain(*parts)] for parts in zip(*by_step, strict=True)]
+    return [[*chain(*intervals)] for intervals in zip(*by_step, strict=True)]
 
 
 def _order_of_zero(orbit: Orbit, j: int, name: str, start: arb) -> int:
@@ -463,15 +468,15 @@ def _vanishes_on_ground(system: HybridSystem, mode: Mode) -> bool:
     return vanishes_identically(substitute(margins[index], z[system.state_names.index("y")], 0), vertcat(z, p))
 
 
-def _margin(name: str, parts: Sequence[SignPart], pattern: str, at_end: arb) -> tuple[str, arb | None]:
+def _margin(name: str, intervals: Sequence[SignInterval], pattern: str, at_end: arb) -> tuple[str, arb | None]:
     """Claims 2 and 6: a margin is positive along an arc, falls to the zero that ends it, or shows a touchdown."""
     if pattern == POSITIVE and at_end < 0:
         raise Refuted(f"{name} is {at_end.str(6)} at the end of the arc", name)
-    kinds = check_pattern(name, parts, pattern)
-    order = max(part.order for part in parts)
+    kinds = check_pattern(name, intervals, pattern)
+    order = max(interval.order for interval in intervals)
     zero = f", after a zero of order {order} at its start" if order else ""
-    bounds = (part.value.lower() for part in parts if part.kind == "p" and not part.order)
-    return f"{name} {PATTERN_WORDS[pattern]}{zero} ({kinds})", min(bounds, default=None)
+    bounds = (each.value.lower() for each in intervals if each.kind == "p" and not each.order)
+    return f"{name} {PREDICATES[pattern]}{zero} ({kinds})", min(bounds, default=None)
 
 
 def _apparent_mass(orbit: Orbit, cycle: CycleEnclosure, j: int) -> tuple[str, arb | None]:
@@ -499,8 +504,10 @@ def _apparent_mass(orbit: Orbit, cycle: CycleEnclosure, j: int) -> tuple[str, ar
         return [sum((arb_poly(mass) * arb_poly(edge) for mass, edge in products), arb_poly([0])).coeffs()]
 
     try:
-        words = "the apparent mass of the foot is positive throughout, with the static coefficient in either direction"
-        return words, _smallest(cycle.steps[j], masses, "painleve")
+        return (
+            "the apparent mass of the foot is positive throughout, with the static coefficient in either direction",
+            _smallest(cycle.steps[j], masses, "painleve"),
+        )
     except NotProved:
         if system.friction.may_drop:
             raise
@@ -519,9 +526,9 @@ def _smallest(steps: Iterable[TaylorStep], functions: Callable[[TaylorStep], lis
     functions : the functions along a step, as polynomials in time.
     """
     bounds = list[arb]()
-    for parts in _signs(steps, functions):
-        check_pattern(name, parts, POSITIVE)
-        bounds += [part.value.lower() for part in parts]
+    for intervals in _signs(steps, functions):
+        check_pattern(name, intervals, POSITIVE)
+        bounds += [interval.value.lower() for interval in intervals]
     return min(bounds)
 
 
@@ -552,7 +559,7 @@ def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | Non
     which arcs of this step have ended (``statement``), durations are positive, and a breakpoint sets the time exactly.
     """
     arc, law = orbit.arcs[j], orbit.law
-    edge, time, segment, words = law.edges[arc.segment], y[orbit.system.n_z], arc.segment, ""
+    edge, time, segment, continuity = law.edges[arc.segment], y[orbit.system.n_z], arc.segment, ""
     if arc.event == BREAKPOINT and edge is not None:
         return f"the arc ends with the breakpoint at {seconds(edge)}", None
     if arc.event == CLOCK and segment == len(law.breakpoints):
@@ -560,17 +567,17 @@ def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | Non
     while edge is not None and segment < len(law.breakpoints) and time.overlaps(edge):
         if not all(one == other for one, other in zip(*law.data[segment : segment + 2], strict=True)):
             break
-        words = f"; the law is the same on both sides of the breakpoint at {seconds(edge)}"
+        continuity = f"; the law is the same on both sides of the breakpoint at {seconds(edge)}"
         segment += 1
         edge = law.edges[segment]
     if edge is None:
-        return f"the arc follows the last breakpoint{words}", None
+        return f"the arc follows the last breakpoint{continuity}", None
     left = edge - time
     if left < 0:
         raise Refuted(f"the arc ends {(-left).str(6)} s after its segment of the control law, at {seconds(edge)}")
     if not left > 0:
         raise NotProved(f"the arc may end after its segment of the control law, at {seconds(edge)}")
-    return f"the arc ends before its segment of the control law, at {seconds(edge)}{words}", left.lower()
+    return f"the arc ends before its segment of the control law, at {seconds(edge)}{continuity}", left.lower()
 
 
 def seconds(time: arb) -> str:
@@ -594,14 +601,14 @@ def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | No
     # f_n of a slip times its apparent mass is C_tt f_n - C_nt f_t of sticking, which is negative where the foot lifts
     needed = {f"no lift-off in {slip}": margins[slip]["normal_force"] * margins[slip]["painleve"] for slip in SLIPS}
     needed |= {name: cones[slip] for name, slip in zip(CONES, SLIPS, strict=True) if slip is not arc.mode.contact}
-    words = "the foot sticks: its force lies within the cone"
+    finding = "the foot sticks: its force lies within the cone"
     if arc.mode.slips:
-        words = "the force that would hold the foot leaves the cone here, on the side of this slip alone"
+        finding = "the force that would hold the foot leaves the cone here, on the side of this slip alone"
     begins = arc.mode.slips and orbit.sequence.onset_order(arc.phase)
     if begins and orbit.arcs[j - 1].event != CONE[arc.mode.contact]:  # at the edge of the cone this margin is zero
         needed["onset"] = -cones[arc.mode.contact]
-        words = "holding the foot would need a force beyond the cone, on the side of this slip alone"
-    return words, _all_positive(needed)
+        finding = "holding the foot would need a force beyond the cone, on the side of this slip alone"
+    return finding, _all_positive(needed)
 
 
 def _let_go(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
@@ -614,14 +621,14 @@ def _let_go(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
     system, mode, before = orbit.system, orbit.arcs[j].mode, orbit.arcs[j - 1]
     if before.event == "normal_force" and not _jumps_when_leaving(orbit, before.mode, mode, FOOT):
         return "the normal force falls to zero, and the forces do not jump", None
-    held = orbit.field(mode.with_contact(Mode.STICK), j)
+    sticking = orbit.field(mode.with_contact(Mode.STICK), j)
     if system.walker.massless_feet:
-        index = system.transitions.margin_names(held.mode).index("normal_force")
-        return "the ground would have to pull the foot", _all_positive({"pull": -held.margins(y)[0][index]})
+        index = system.transitions.margin_names(sticking.mode).index("normal_force")
+        return "the ground would have to pull the foot", _all_positive({"pull": -sticking.margins(y)[0][index]})
     rises = orbit.field(mode, j).rate(y)[0][system.state_names.index("dy")]
-    masses = zip((f"apparent mass against {slip}" for slip in SLIPS), held.apparent_masses(y)[0], strict=True)
-    words = "a foot that is let go rises, and no force of the ground is consistent"
-    return words, _all_positive({"the normal acceleration of a foot that is let go": rises, **dict(masses)})
+    masses = zip((f"apparent mass against {slip}" for slip in SLIPS), sticking.apparent_masses(y)[0], strict=True)
+    finding = "a foot that is let go rises, and no force of the ground is consistent"
+    return finding, _all_positive({"the normal acceleration of a foot that is let go": rises, **dict(masses)})
 
 
 def _most_contacts_stick(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, None]:
@@ -658,8 +665,8 @@ def _most_contacts_stick(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, N
             impossible |= bool((what in GROUND_FORCES and force < 0) or starts_wrongly or sinks)
         if not impossible:
             raise NotProved(f"{other.brief}, in which as many contacts stick, is not shown to be inconsistent")
-    words = " and ".join(sorted(begun | released))
-    return f"no other mode is consistent in which as many contacts stick: {words} cannot", None
+    names = " and ".join(sorted(begun | released))
+    return f"no other mode is consistent in which as many contacts stick: {names} cannot", None
 
 
 def _impact(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
@@ -775,8 +782,8 @@ def _sum(polynomials: Iterable[Sequence[arb]]) -> list[arb]:
 def largest_force_ratio(steps: Iterable[tuple[Sequence[arb], Sequence[arb], arb, arb]]) -> arb:
     """The maximum of |f_t| / f_n, with f_n > 0, over steps of the integration.
 
-    If the ratio is monotone on a part of a step, its maximum is at one of the ends. Otherwise the mean value theorem
-    bounds it, or the part is halved.
+    If the ratio is monotone on an interval within a step, its maximum is at one of the ends. Otherwise the mean value
+    theorem bounds it, or the interval is halved.
 
     Parameters
     ----------

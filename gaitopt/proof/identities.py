@@ -189,8 +189,8 @@ def dependent_contacts(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
     if dropped != tuple((name, TANGENTIAL) for name in dependent) or not np.allclose(
         structure.nulls, N, rtol=0, atol=LARGEST_REMAINDER
     ):
-        words = f"{' and '.join(structure.group)} share their forces in {mode.brief}, without being one rigid part"
-        raise NotProved(f"{walker.model}: {words}; proofs do not cover that")
+        sharing = f"{' and '.join(structure.group)} share their forces in {mode.brief}, without being one rigid part"
+        raise NotProved(f"{walker.model}: {sharing}; proofs do not cover that")
     return dependent
 
 
@@ -221,8 +221,10 @@ def require_same_everywhere(walker: type[Walker], section: Section) -> None:
     x = z[walker.state_names().index("x")]
     for condition in vertsplit(section.conditions(z, p)) if section.solved else ():
         if depends_on(condition, x) and not is_equal(condition, x):
-            words = "the margin that ends its cycle depends on the place along the ground"
-            raise NotProved(f"{walker.model}: {words}; proofs do not cover that")
+            raise NotProved(
+                f"{walker.model}: the margin that ends its cycle depends on the place along the ground; "
+                "proofs do not cover that"
+            )
 
 
 def require_conditions(walker: type[Walker], section: Section) -> None:
@@ -252,8 +254,10 @@ def require_conditions(walker: type[Walker], section: Section) -> None:
     kept = [name for names in contacts_of(section.conditions) for name in names]
     for names in contacts_of(left_out):
         if not any(is_rigid(walker, (name, other)) for name in names for other in kept):
-            words = "a condition of its section is left out that is not shown to follow from the others"
-            raise NotProved(f"{walker.model}: {words}; proofs do not cover that")
+            raise NotProved(
+                f"{walker.model}: a condition of its section is left out that is not shown to follow from the others; "
+                "proofs do not cover that"
+            )
 
 
 def is_possible(walker: type[Walker], mode: Mode) -> bool:
@@ -265,7 +269,7 @@ def is_possible(walker: type[Walker], mode: Mode) -> bool:
 def modes_of_contacts(system: HybridSystem, mode: Mode) -> list[Mode]:
     """All modes in which the contacts that touch the ground in a mode stick, slip or are off."""
     states = product((*CONTACTS, OFF), repeat=len(mode.touching))
-    changed = (mode.with_states(dict(zip(mode.touching, words, strict=True))) for words in states)
+    changed = (mode.with_states(dict(zip(mode.touching, each, strict=True))) for each in states)
     return [other for other in changed if other.contact in system.walker.foot_modes()]
 
 
@@ -287,10 +291,10 @@ def regularities(system: HybridSystem, mode: Mode, z: SX, p: SX) -> SX:
     W, coefficients, determinants = J @ inverse, system.contact_coefficients(p), [SX(1)]
     stops = constraint_rows(system.walker, [(name, LOCKED) for name in mode.locked])
     for other in (other for other in modes_of_contacts(system, mode) if other.touching):
-        normal, held = ([(name, kind) for name in other.touching] for kind in (NORMAL, TANGENTIAL))
         dependent = dependent_contacts(system.walker, other)
-        held = [(name, kind) for name, kind in held if not other.directions[name] and name not in dependent]
-        rows = [*constraint_rows(system.walker, [*normal, *held]), *stops]
+        sticking = [name for name in other.touching if not other.directions[name] and name not in dependent]
+        normal, tangential = [(name, NORMAL) for name in other.touching], [(name, TANGENTIAL) for name in sticking]
+        rows = [*constraint_rows(system.walker, [*normal, *tangential]), *stops]
         square = W[rows, rows]
         for column, (name, _) in enumerate(normal):
             (along,) = constraint_rows(system.walker, [(name, TANGENTIAL)])

@@ -6,7 +6,7 @@ splines and fits are computed from the rows of their table:
 
     spline    cubic, twice continuously differentiable, not-a-knot: the third derivative is continuous at the first and
               the last inner knot
-    fit       Chebyshev series with the least sum of squared errors, T' T c = T' y
+    fit       Chebyshev series of least squares, T' T c = T' y
 """
 
 from collections.abc import Callable, Sequence
@@ -91,8 +91,9 @@ def exact_law(control: Control, exact: Exact, duration: float | None = None) -> 
             law = ExactLaw((), None, ((*clamp, *law.data[0]),))
     elif control.period is not None and type(control).__module__.startswith(OWN_PACKAGE):
         period = ball(exact("control.cycle", control.period))
-        parts = [Fraction(time / control.period).limit_denominator(LARGEST_DENOMINATOR) for time in control.breakpoints]
-        times = tuple(period * fmpq(part.numerator, part.denominator) for part in parts)
+        ratios = (Fraction(time / control.period) for time in control.breakpoints)
+        fractions = (ratio.limit_denominator(LARGEST_DENOMINATOR) for ratio in ratios)
+        times = tuple(period * fmpq(fraction.numerator, fraction.denominator) for fraction in fractions)
         law = ExactLaw(times, None if law.horizon is None else period, law.data, period)
     elif control.period is not None:
         law = replace(law, period=arb(control.period))

@@ -4,8 +4,8 @@
                 torques is compared with the period of the orbit itself, within 1e-9 T
     motion      |theta_r(t) - theta(t)| <= 1e-9 for every tracked angle, from the impact to the end of the step
 
-On a short part of a Taylor step both angles are polynomials in the time u from its middle. If d_k are the coefficients
-of their difference, the sum of |d_k| r^k bounds it for |u| <= r.
+On a short subinterval of a Taylor step both angles are polynomials in the time u from its middle. If d_k are the
+coefficients of their difference, the sum of |d_k| r^k bounds it for |u| <= r.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,17 +33,17 @@ ANGLE_ERROR = 1e-9
 """Largest difference between a tracked angle and that of the gait, in natural units."""
 MOST_STEPS_BEYOND_END = 500
 """Largest number of steps of the integration beyond the end of a tracked gait."""
-PART_LENGTH = 1 / 64
-"""Length of a part relative to its piece. It is so short that polynomials of degree 32 that agree on the piece also
-have nearly the same coefficients about the middle of the part."""
+SUBINTERVAL_LENGTH = 1 / 64
+"""Length of a subinterval relative to its piece. It is so short that polynomials of degree 32 that agree on the piece
+also have nearly the same coefficients about the middle of the subinterval."""
 
 
 def duration_claim(duration: float, period: arb, error: float, whose: str) -> ProofClaim:
     """The claim that a duration is the period of a gait."""
     difference = abs(arb(duration) - period)
-    words = f"the duration {seconds(arb(duration))} differs by at most {difference.upper().str(3, radius=False)} s"
-    words += f" from the period of {whose}"
-    return ProofClaim(LAW_DATA, proved=bool(difference <= error * period), words=words)
+    bound = f"{difference.upper().str(3, radius=False)} s"
+    finding = f"the duration {seconds(arb(duration))} differs by at most {bound} from the period of {whose}"
+    return ProofClaim(LAW_DATA, proved=bool(difference <= error * period), finding=finding)
 
 
 def motion_claim(statement: Statement, orbit: Orbit, cycle: CycleEnclosure, period: arb, until: arb) -> ProofClaim:
@@ -59,18 +59,17 @@ def motion_claim(statement: Statement, orbit: Orbit, cycle: CycleEnclosure, peri
     if motion.continues:  # a rule of the problem extends the curve beyond the period
         ends = duration_claim(motion.breakpoints[-1], period, DURATION_ERROR, f"a proved gait of {stated.source[0]}")
         if not ends.proved:
-            return replace(ends, words=f"the tracked curve does not end with a step: {ends.words}")
+            return replace(ends, finding=f"the tracked curve does not end with a step: {ends.finding}")
     followed = stated.followed(type(statement.problem.walker))
     name = statement.problem.control.source[0]
     try:
         distances = _distances(motion, followed, orbit, cycle, until)
     except NotProved as failure:
-        return ProofClaim(LAW_DATA, proved=False, words=f"the motion of {name} cannot be enclosed: {failure}")
+        return ProofClaim(LAW_DATA, proved=False, finding=f"the motion of {name} cannot be enclosed: {failure}")
     worst = max(distances, key=lambda joint: float(distances[joint]))
-    words = f"the tracked curve differs by at most {distances[worst].str(3, radius=False)} in {worst} from the motion "
-    words += f"of a proved gait of {name}"
-    proved = all(distance <= ANGLE_ERROR for distance in distances.values())
-    return ProofClaim(LAW_DATA, proved=proved, words=words)
+    bound, proved = distances[worst].str(3, radius=False), all(each <= ANGLE_ERROR for each in distances.values())
+    finding = f"the tracked curve differs by at most {bound} in {worst} from the motion of a proved gait of {name}"
+    return ProofClaim(LAW_DATA, proved=proved, finding=finding)
 
 
 def _distances(
@@ -84,7 +83,7 @@ def _distances(
     for step in _steps(orbit, cycle, arb(0) if motion.continues else until):
         start, series = hull(step.start[system.n_z][0]), step.along(angles)
         for k, piece in enumerate(motion.stated):
-            for middle, radius in _parts(piece, start, hull(step.h)):
+            for middle, radius in _subintervals(piece, start, hull(step.h)):
                 for joint in motion.names:
                     moved = arb_poly(series[system.angle_names.index(followed[joint])])(arb_poly([middle, 1]))
                     difference = moved - _chebyshev(rows[k][joint], piece, start + middle)
@@ -116,8 +115,8 @@ def _steps(orbit: Orbit, cycle: CycleEnclosure, until: arb) -> Iterator[TaylorSt
     raise NotProved(f"the motion beyond its end needs more than {MOST_STEPS_BEYOND_END} steps")
 
 
-def _parts(piece: Piece, start: arb, h: arb) -> Iterator[tuple[arb, arb]]:
-    """Middles and half lengths of short parts that cover the time that a step has in common with a piece [s].
+def _subintervals(piece: Piece, start: arb, h: arb) -> Iterator[tuple[arb, arb]]:
+    """Middles and half lengths of short subintervals that cover the time that a step has in common with a piece [s].
 
     The middles count from the start of the step, which is at the time ``start``.
     """
@@ -125,7 +124,7 @@ def _parts(piece: Piece, start: arb, h: arb) -> Iterator[tuple[arb, arb]]:
     lower, upper = max(arb(lower), arb(0)), min(arb(upper), arb(h.upper()))
     if not lower < upper:
         return
-    n = ceil(float((upper - lower).upper()) / (PART_LENGTH * (piece.end - piece.start)))
+    n = ceil(float((upper - lower).upper()) / (SUBINTERVAL_LENGTH * (piece.end - piece.start)))
     width = (upper - lower) / n
     for k in range(n):
         yield (lower + width * (2 * k + 1) / 2).mid(), arb((width * (1 + arb(2) ** -60) / 2).upper())

@@ -61,15 +61,15 @@ from gaitopt.threads import cached_property
 UNIT_SQUARED = arb(0.5, 0.5)
 """s^2 for s in [-1, 1]."""
 SPLIT = [arb(2 * k + 1 - 16, 1) / 16 for k in range(16)]
-"""16 parts of [-1, 1]; along a family the multipliers are enclosed on each of them."""
+"""16 subintervals of [-1, 1]; along a family the multipliers are enclosed on each of them."""
 MOST_NARROWINGS, LARGEST_WIDTH_RATIO = 50, 0.9
-"""The enclosure of F_u^-1 kick is narrowed at most this often, and only while its width shrinks at least to this part
-of the last one."""
+"""The enclosure of F_u^-1 kick is narrowed at most this often, and only while its width shrinks to at most this
+fraction of the last one."""
 
 
 @dataclass(frozen=True, slots=True)
 class OrbitArc:
-    """A smooth part of the orbit: one mode on one segment of the control law.
+    """A smooth arc of the orbit: one mode on one segment of the control law.
 
     Attributes
     ----------
@@ -597,7 +597,7 @@ def _weighted_norm(values: Sequence[arb], w: Sequence[arb]) -> arb:
 
 
 def multipliers(derivatives: Sequence[arb_mat]) -> tuple[acb, ...]:
-    """Eigenvalues of DP over all parts of a box, largest modulus first.
+    """Eigenvalues of DP over all subintervals of a box, largest modulus first.
 
     Raises
     ------
@@ -612,7 +612,7 @@ def multipliers(derivatives: Sequence[arb_mat]) -> tuple[acb, ...]:
 
 
 def union_of_multipliers(multipliers: Iterable[Sequence[acb]]) -> tuple[acb, ...]:
-    """Bounds of every multiplier over several boxes."""
+    """Bounds of every multiplier over all boxes."""
     return tuple(map(complex_union, zip(*multipliers, strict=True)))
 
 

@@ -47,15 +47,15 @@ lengths; and the ratio below which a step is repeated, shortened by this factor.
 RADIUS = 1e-11
 """Half width of the box of a single orbit in every unknown, in natural units."""
 TILT_SHARE, SMALLEST_RADIUS = 0.003, 1e-12
-"""The first half widths of a long box are this part of its tilt plus this many natural units."""
+"""The first half widths of a long box are this fraction of its tilt plus this many natural units."""
 INFLATION_FACTOR, MOST_INFLATIONS = 1.25, 4
 """Half widths of the next attempt relative to those of the last image under Krawczyk's operator, and the number of
 attempts."""
 BOX_GROWTH, BOX_CUT = 1.25, 0.6
 """Length of the next box relative to the last one, after a success and after a failure."""
 SHORTEST_DOUBTFUL_BOX = 1 / 256
-"""If a claim is not shown on a box, a shorter one is tried, unless it is already shorter than this part of the
-interval: the claim is then taken for false."""
+"""If a claim is not shown on a box, a shorter one is tried, unless it is already shorter than this fraction
+of the interval: the claim is then taken for false."""
 MOST_BOX_TRIES = 1000
 """Largest number of boxes that are tried along one family."""
 Approximation = tuple[Orbit, Sequence[arb], Sequence[arb]]
@@ -149,7 +149,7 @@ def _prove(
         header = certificate_header(gait, intervals, varied, special) | {"arcs": arc_records(arcs_of(gait))}
         statement = _statement(header, gait)
     except NotProved as failure:
-        return Proof(gait.problem.name, (ProofClaim(STATEMENT, proved=False, words=str(failure)),), header)
+        return Proof(gait.problem.name, (ProofClaim(STATEMENT, proved=False, finding=str(failure)),), header)
     except (ValueError, StorageError) as error:  # caused by an interval: everything else comes from a solved gait
         raise ProblemError(f"{gait.problem.name}: {error}") from error
     source = gait.problem.reference
@@ -164,7 +164,7 @@ def _prove(
             search = _BoxSearch(statement, gait, progress)
             boxes = list(search.boxes())
         except NotProved as failure:
-            claim = ProofClaim(EXISTENCE, proved=False, words=f"no boxes can be verified: {failure}")
+            claim = ProofClaim(EXISTENCE, proved=False, finding=f"no boxes can be verified: {failure}")
             return Proof(gait.problem.name, (claim,), header, statement.printed)
         certificate = {
             **header,
@@ -297,7 +297,7 @@ class _BoxSearch:
         ends = [self._box((end, end), self._start, at_end=True)[0] for end in statement.interval]
         claim = sign_change_claim(statement.special, [box for _, box in ends])
         if not claim.proved:
-            raise NotProved(claim.words)
+            raise NotProved(claim.finding)
         yield ends[0]
         yield from self._walk(lower, upper)
         yield ends[1]
@@ -367,7 +367,7 @@ class _BoxSearch:
             radii = [INFLATION_FACTOR * float(move.rad()) + r for move, r in zip(moves, smallest, strict=True)]
         if half != 0 and box.inner is not None:
             self._curvature = [radius / float(half) ** 2 for radius in radii]
-        doubtful = [claim.words for claim in box.claims if not claim.proved and not claim.refuted]
+        doubtful = [claim.finding for claim in box.claims if not claim.proved and not claim.refuted]
         moduli = [abs(m) for m in box.multipliers]
         if (
             interval

@@ -64,7 +64,7 @@ _CHOICES = {
     True: "sticking is chosen where both are consistent",
     False: "the mode in which the most contacts stick is chosen where several are consistent",
 }
-"""What is chosen where several modes are consistent, for a foot that stands alone and for several contacts."""
+"""What is chosen where several modes are consistent, for a foot that stands alone and for named contacts."""
 MOST_INTERVALS = 10
 """Largest number of parameters with intervals: all corners are examined, and 2^10 of them take a few seconds."""
 LARGEST_JUMP = 1e-9
@@ -218,7 +218,7 @@ def _restore(
     if reference is not None:
         name, silent = reference.problem.name, reference.printed["not_proved"]
         printed["reference"] = reference.printed
-        printed["not_proved"] += [f"{name}: {words}" for words in silent if words not in printed["not_proved"]]
+        printed["not_proved"] += [f"{name}: {claim}" for claim in silent if claim not in printed["not_proved"]]
     cycle = _timed(record.arcs, problem.cycle)
     return Statement(
         record=record,
@@ -252,8 +252,8 @@ def _designed(problem: Problem, values: Mapping[str, str], intervals: Mapping[st
     unknowns |= {f"control.{key}": span for key, span in problem.control.unknowns(type(problem.walker)).items()}
     twice, given = {*values} & {*intervals}, {**values, **{key: intervals[key] for key in intervals if key in unknowns}}
     if different := sorted(twice | ({*given} ^ {*unknowns})):
-        words = ", ".join(different[:5])[:200]
-        raise ValueError(f"the designed values are not those that its problem leaves free: {words}")
+        keys = ", ".join(different[:5])[:200]
+        raise ValueError(f"the designed values are not those that its problem leaves free: {keys}")
     for key, (lower, upper) in unknowns.items():
         for text in given[key].split(INTERVAL):
             value = float(ball(text.strip()).mid())
@@ -330,8 +330,10 @@ def _completed_reference(
     if not isinstance(reference, GaitReference):
         return reference
     if law.phase_variable or reference.beyond_end is None:
-        words = "the control law tracks another gait as a function of a phase variable: not covered"
-        raise NotProved(f"{words}; give its control points, reference: {{bezier: ...}}")
+        raise NotProved(
+            "the control law tracks another gait as a function of a phase variable: not covered; "
+            "give its control points, reference: {bezier: ...}"
+        )
     if not isinstance(data, MotionRecord):
         raise ValueError("its problem tracks the motion of another gait, which it does not contain")
     return reference.with_curve(_tracked_motion(data, reference.followers(walker), reference.beyond_end))
@@ -397,8 +399,8 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
     """
     walker, name = system.walker, problem.name
     if walker.placed_contacts():
-        words = "massless contacts with coordinates of their own, whose forces do not follow from accelerations"
-        raise NotProved(f"{name}: a {walker.model} has {words}; {NOT_COVERED}")
+        feature = "massless contacts with coordinates of their own, whose forces do not follow from accelerations"
+        raise NotProved(f"{name}: a {walker.model} has {feature}; {NOT_COVERED}")
     if any(mode.is_named != bool(walker.contacts) for mode in problem.cycle.phases):
         raise NotProved(f"{name}: both feet are on the ground in a phase; proofs cover feet that stand alone")
     require_heights(walker)
@@ -410,11 +412,11 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
     require_same_everywhere(walker, section)
     if walker.stands_on_one():
         landing = section_of(walker, problem.cycle.phases[-1], problem.cycle.impact, TOUCHDOWN)
-        is_solved, words = not landing.is_explicit, "a posture after its impact that Newton's method solves for"
+        is_solved, feature = not landing.is_explicit, "a posture after its impact that Newton's method solves for"
         if is_solved and walker.section_rates is not None:
-            raise NotProved(f"{name}: a {walker.model} has {words}, and rates that follow from others; {NOT_COVERED}")
+            raise NotProved(f"{name}: a {walker.model} has {feature}, and rates that follow from others; {NOT_COVERED}")
         if is_solved and problem.cycle_end != TOUCHDOWN:
-            raise NotProved(f"{name}: a {walker.model} has {words}, and lands within its cycle; {NOT_COVERED}")
+            raise NotProved(f"{name}: a {walker.model} has {feature}, and lands within its cycle; {NOT_COVERED}")
     if "energy" in walker.model_fields and not section.is_explicit:
         raise NotProved(f"{name}: its energy is a parameter, and a condition of its section; {NOT_COVERED}")
 
@@ -533,8 +535,9 @@ def _require_change(sequence: Cycle, phase: int, table: Transitions) -> None:
     mode, after, struck = sequence.phases[phase], sequence.after(phase), table.struck(sequence, phase)
     row = table.ending(sequence, phase)
     if row.guard == BREAKPOINT and after not in row.candidates:
-        words = f"{sequence.phase_words(phase)} cannot end at a breakpoint of the control law"
-        raise ValueError(f"{words}, as {after} follows")
+        raise ValueError(
+            f"{sequence.phase_words(phase)} cannot end at a breakpoint of the control law, as {after} follows"
+        )
     landed = () if struck is None else tuple(name for name in struck.touching if name not in mode.touching)
     for names, what in ((landed, "land"), (sequence.stop_together(phase), "stop")):
         if len(names) > 1 and not (what == "stop" and is_rigid(table.walker, names)):
@@ -711,7 +714,7 @@ def expressions_digest(system: HybridSystem, cycle: Cycle) -> str:
     for function in functions:
         for k in range(function.n_instructions()):
             operation = function.instruction_id(k)
-            parts = operation, function.instruction_input(k), function.instruction_output(k)
-            constant = function.instruction_constant(k) if not parts[1] else ""
-            digest.update(repr((*parts, constant)).encode())
+            inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+            constant = function.instruction_constant(k) if not inputs else ""
+            digest.update(repr((operation, inputs, outputs, constant)).encode())
     return digest.hexdigest()

@@ -38,7 +38,7 @@ from gaitopt.threads import cached_property
 PICARD_ROUNDS = 8
 """Number of attempts to find a box that the motion does not leave within a step."""
 WIDENING, ADDED_WIDTH = 0.05, 1e-7
-"""Each attempt widens the rates by this part of their half width, and by this much in natural units."""
+"""Each attempt widens the rates by this fraction of their half width, and by this much in natural units."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,7 +139,7 @@ def explain(
         direct = tuple(
             Cause(
                 what=claim.name,
-                description=f"the simulator disagrees: {claim.words}",
+                description=f"the simulator disagrees: {claim.summary}",
                 needed=claim.tolerance,
                 available=claim.figure,
             )

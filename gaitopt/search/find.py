@@ -133,7 +133,7 @@ def gaits_of(
             if gait is None:
                 gait = solved[ids] = _solved(problem, group[:MOST_ATTEMPTS], method, progress, should_stop)
         claims = [] if gait.verification is None else recorded_claims(gait.verification)
-        refuted = [claim.words for claim in claims if not claim.passed]
+        refuted = [claim.summary for claim in claims if not claim.passed]
         if not gait.converged or refuted:
             reason = f"the simulator does not confirm it: {'; '.join(refuted)}" if gait.converged else gait.message
             rejected.setdefault((str(gait.problem.cycle), reason), []).extend(starts)

@@ -109,7 +109,7 @@ class Claim:
     outcome: Outcome = Outcome.HOLDS
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """Name, outcome, figure and note, as in ``period: fails (1.2e-07, limit 1e-09), relative error``."""
         figure = f" ({self.figure:.2g}, limit {self.tolerance:.2g})" if np.isfinite(self.figure) else ""
         return f"{self.name}: {OUTCOMES[self.outcome]}{figure}" + (f", {self.note}" if self.note else "")

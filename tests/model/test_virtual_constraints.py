@@ -274,7 +274,7 @@ def test_the_motion_of_a_gait_is_followed_over_the_phase():
 def test_a_law_that_follows_a_gait_over_the_phase_is_refused_by_proofs():
     pytest.importorskip("flint")
     (claim,) = go.prove(go.solve(followed({"gait": NAME, "degree": 6}))).claims
-    assert "tracks another gait as a function of a phase variable: not covered" in claim.words
+    assert "tracks another gait as a function of a phase variable: not covered" in claim.finding
 
 
 def test_the_error_of_the_fit_is_that_of_the_closest_polynomial():

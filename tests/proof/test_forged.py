@@ -331,7 +331,7 @@ def test_a_tracked_curve_that_is_held_ends_with_the_step():
             SimpleNamespace(system=system, problem=problem), None, None, arb("0.6358148887151"), arb(1)
         )
     assert not claim.proved
-    assert "does not end with a step" in claim.words
+    assert "does not end with a step" in claim.finding
 
 
 def test_steps_of_a_tracked_gait_cannot_be_made_endless():
@@ -375,7 +375,7 @@ def test_decimals_may_be_long():
 def test_a_bracket_of_a_change_of_modes_is_proved():
     result = check(bracket())
     assert result.proved, [claim for claim in result.claims if not claim.proved]
-    words = {claim.name: claim.words for claim in result.claims}
+    words = {claim.name: claim.finding for claim in result.claims}
     assert "cone_forward is [-" in words["sign change"]
     assert "arc 1, stick: cone_forward" in words  # at the end where it is a gait
 
@@ -417,7 +417,7 @@ def test_a_motion_that_fails_beyond_the_end_that_is_a_gait_is_named():
     with ctx.workprec(PRECISION):
         statement = restore_statement(read_certificate(certificate))
         _, inner, gait_end = (check_box(statement, record) for record in statement.record.boxes)
-        motion = ProofClaim(MOTION, proved=False, words="no bounds of the return map")
+        motion = ProofClaim(MOTION, proved=False, finding="no bounds of the return map")
         broken = replace(inner, inner=None, claims=(inner.claims[0], motion))
         result = conclude(statement, [gait_end, broken], certificate)
     assert [claim.name for claim in result.claims if not claim.proved] == [MOTION]

@@ -331,7 +331,7 @@ def test_boxes_that_do_not_meet_are_no_family():
         boxes = [check_box(statement, record) for record in statement.record.boxes]
         assert connection_claim(boxes, statement.interval).proved
         beyond = connection_claim(boxes, ("12.98 deg", "13.001 deg"))
-        assert "both ends" in beyond.words
+        assert "both ends" in beyond.finding
         apart = connection_claim(
             [replace(boxes[0], interval=("12.999 deg", "12.9995 deg")), boxes[1]], statement.interval
         )
@@ -342,7 +342,7 @@ def test_boxes_that_do_not_meet_are_no_family():
         elsewhere = connection_claim([replace(boxes[0], **moved), boxes[1]], statement.interval)
     for claim in (apart, elsewhere):
         assert not claim.proved
-        assert "are not shown to hold the same orbit" in claim.words
+        assert "are not shown to hold the same orbit" in claim.finding
 
 
 @pytest.mark.parametrize("part", ["centre", "tilt"])
@@ -415,7 +415,7 @@ def test_where_gait_a_loses_stability():
     problem = load_problem("compass-passive-a").replace({"friction": 0.11034958077937082})
     result = prove_special(solve(problem), "friction", "neimark_sacker")
     assert result.proved, failed(result)
-    assert "complex pair" in {claim.name: claim.words for claim in result.claims}["sign change"]
+    assert "complex pair" in {claim.name: claim.finding for claim in result.claims}["sign change"]
     assert failures(result.certificate) == {}
     assert failures({**result.certificate, "special": "period_doubling"}).keys() == {"sign change"}
 
@@ -425,4 +425,4 @@ def test_an_orbit_with_more_unknowns_than_a_certificate_may_have_is_not_proved(m
     result = prove(gait("rimless-wheel-slip"), progress=False)
     (claim,) = result.claims
     assert not result.proved
-    assert "the orbit has more than 10 unknowns" in claim.words
+    assert "the orbit has more than 10 unknowns" in claim.finding

@@ -225,7 +225,7 @@ def test_a_phase_that_ends_because_the_torques_jump_is_proved():
 @pytest.mark.slow
 def test_where_the_apparent_mass_is_negative_the_foot_would_have_to_pull():
     """On friction 1 the kneed walker is in the paradox of Painleve in the middle of its step, but its foot sticks."""
-    claim = {c.name: c.words for c in proof("kneed-passive").claims}["arc 1, stick, knee free: apparent mass"]
+    claim = {c.name: c.finding for c in proof("kneed-passive").claims}["arc 1, stick, knee free: apparent mass"]
     assert "a slip would pull the ground" in claim
 
 

@@ -27,7 +27,7 @@ from gaitopt.proof.arithmetic import (
     exact_constant,
     hull,
 )
-from gaitopt.proof.claims import POSITIVE, TOUCHDOWN, check_pattern, sign_parts
+from gaitopt.proof.claims import POSITIVE, TOUCHDOWN, check_pattern, sign_intervals
 from gaitopt.proof.taylor import PhaseSpace, VectorField, expand, taylor_coefficients
 
 ORDER = 20
@@ -195,13 +195,13 @@ def test_what_is_negative_beyond_the_end_of_an_arc_refutes_nothing():
     """The length of the last step is only enclosed."""
     length = arb(1, 1e-3)
     steps = [(line(-1, 0), length), (line(1, 0), length), (line(1, -1), length)]
-    assert check_pattern("touchdown", list(sign_parts(steps)), TOUCHDOWN) == "n1 p1 d1"
-    grazing = list(sign_parts([(line(1, -1), length)], monotone=False))
+    assert check_pattern("touchdown", list(sign_intervals(steps)), TOUCHDOWN) == "n1 p1 d1"
+    grazing = list(sign_intervals([(line(1, -1), length)], monotone=False))
     with pytest.raises(NotProved) as failure:
         check_pattern("margin", grazing, POSITIVE)
     assert not isinstance(failure.value, Refuted)
     with pytest.raises(Refuted, match="is false"):
-        check_pattern("margin", list(sign_parts([(line(0.5, -1), length)], monotone=False)), POSITIVE)
+        check_pattern("margin", list(sign_intervals([(line(0.5, -1), length)], monotone=False)), POSITIVE)
 
 
 def test_a_series_that_has_lost_terms_is_refused():

@@ -236,7 +236,7 @@ def test_a_crawler_on_two_contacts_advances_like_one_on_one_contact():
     """Its friction does not depend on the shares: the closed form of the crawler lies in the enclosures."""
     gait = go.solve(go.parse_problem(TEXT, walkers=[Sledge]), progress=False)
     proof, crawler = go.prove(gait, progress=False), go.solve("crawler", progress=False)
-    assert proof.proved, [claim.words for claim in proof.claims if not claim.proved]
+    assert proof.proved, [claim.finding for claim in proof.claims if not claim.proved]
     assert proof.stable
     with precision():
         for name in ("step_length", "work", "cost_of_transport"):

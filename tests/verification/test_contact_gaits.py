@@ -49,7 +49,7 @@ def test_both_methods_find_the_gait_and_its_multipliers(name: str) -> None:
     upper = [m for m in gait.multipliers if m.imag > -1e-9]
     assert np.array(upper) == pytest.approx(np.array(multipliers), abs=1e-7)
     checked = verify(gait)
-    assert checked.passed, [claim.words for claim in checked.claims if not claim.passed]
+    assert checked.passed, [claim.summary for claim in checked.claims if not claim.passed]
     assert checked.figure("multipliers") < 1e-9
 
 
@@ -132,7 +132,7 @@ def test_a_section_in_flight_gives_the_multiplier_of_the_one_at_touchdown() -> N
 @pytest.mark.parametrize("name", ["heel-toe-slip", "slip-walk", "crawler", "run"])
 def test_both_engines_verify_the_gait(name: str) -> None:
     checked = verify(contact_gait(name), engine="heyoka")
-    assert checked.passed, [claim.words for claim in checked.claims if not claim.passed]
+    assert checked.passed, [claim.summary for claim in checked.claims if not claim.passed]
 
 
 @pytest.mark.parametrize("name", ["heel-toe-slip", "slip-walk", "crawler"])

@@ -114,7 +114,7 @@ def test_the_gait_is_proved(gait: go.Gait, tmp_path: Path) -> None:
     assert len(words["expressions_sha256"]) == 64
     refused = go.check_proof(tmp_path / "proof.json")
     assert not refused.proved
-    assert "no control law is called 'hip_damper'" in refused.claims[0].words
+    assert "no control law is called 'hip_damper'" in refused.claims[0].finding
     assert go.check_proof(tmp_path / "proof.json", controls=[HipDamper]).proved
 
 

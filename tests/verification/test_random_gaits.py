@@ -116,7 +116,7 @@ def judged(gait: Gait) -> bool:
     same = (
         multipliers is not None and multiplier_distance(multipliers, gait.multipliers, relative=True) < SAME_MULTIPLIERS
     )
-    assert not same, f"{gait!r} at {gait.dynamics.parameters}: {[claim.words for claim in failed]}"
+    assert not same, f"{gait!r} at {gait.dynamics.parameters}: {[claim.summary for claim in failed]}"
     return False
 
 

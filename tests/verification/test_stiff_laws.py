@@ -134,7 +134,7 @@ def test_gait_that_the_simulator_confirms_is_solved_verified_and_continued(name,
     gait = solve_gait(problem, build_system(problem))
     assert gait.converged, gait.message
     check = go.verify(gait)
-    assert check.passed, [claim.words for claim in check.claims if not claim.passed]
+    assert check.passed, [claim.summary for claim in check.claims if not claim.passed]
     friction = gait.problem.friction
     family = go.continuation(gait, "friction", to=1.02 * friction, max_points=4, verify_every=1)
     assert family.points[-1].value > friction

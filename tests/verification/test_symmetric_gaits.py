@@ -47,7 +47,7 @@ def test_contacts_that_stop_at_one_instant_are_stated_in_a_file_solved_and_verif
         velocities = dict(zip(arc.mode.contacts, arc.mode.directions.values(), strict=True))
         assert velocities["rear"] == velocities["front"]
     check = go.verify(gait)
-    assert check.passed, [claim.words for claim in check.claims if not claim.passed]
+    assert check.passed, [claim.summary for claim in check.claims if not claim.passed]
     assert check.figure("perturbation") < 1e-6  # walks that are not symmetric, in which one stops before the other
     unequal = go.solve(problem_of((1.0, 1.0, 1.00001)))
     assert unequal.status is Status.INFEASIBLE
