@@ -7,7 +7,7 @@ c follows from the states of contacts and stops just before and just after the e
     height of every contact that touches before or after it             = 0
     velocity of every contact that touches after it                     = 0       normal; tangential if it sticks
     coordinates of a massless contact that lands less their values      = 0
-    gap of every stop that is locked before it                          = 0       and its rate, if it is held
+    gap of every stop that is locked before it                          = 0       and its rate, if it stays locked
     the margin that ends the cycle, if one is stated                    = 0
     energy less the parameter ``energy``, if the walker has one         = 0       which removes the multiplier of one
 
@@ -78,22 +78,23 @@ class Section:
     ----------
     names : names of the section coordinates.
     indices : indices of the section coordinates in the state, shape (n_xi,).
-    words : a text with the contacts just after the event.
+    contacts_after : the states of the contacts just after the event, for messages.
     stated : whether the walker's class states coordinates and lift. The coordinates then determine a state.
     """
 
     names: tuple[str, ...]
     indices: NDArray[np.intp]
-    words: str
+    contacts_after: str
 
     @building
     def __init__(self, walker: type[Walker], before: Mode, after: Mode, event: str) -> None:
         self._walker, self._event, self.stated = walker, event, has_stated_sections(walker, event)
-        self._before, self._after, self.words = before, after, after.brief
+        self._before, self._after, self.contacts_after = before, after, after.brief
         self._n_p = len(walker.model_fields)
         state = walker.state_names()
         if self.stated:
-            self.names, self.words = walker.section_names(slipping=after.slips), "slip" if after.slips else "stick"
+            self.names = walker.section_names(slipping=after.slips)
+            self.contacts_after = "slip" if after.slips else "stick"
             self.indices = np.array([state.index(name) for name in self.names], dtype=np.intp)
             return
         eom = equations_of_motion(walker)
@@ -277,13 +278,13 @@ class Cyclic(Protocol):
 
 
 def cycle_start(of: Cyclic) -> str:
-    """The time of the first state of a cycle in words: just after an impact or a landing, or at its start."""
+    """The time of the first state of a cycle, for messages: just after an impact or a landing, or at its start."""
     end = cycle_end(of)
     return "at the start of the cycle" if end == "end of cycle" else f"just after the {end}"
 
 
 def cycle_end(of: Cyclic) -> str:
-    """The end of a cycle in words: an impact, the landing of a massless foot, or its end by a clock or a margin."""
+    """The end of a cycle, for messages: an impact, the landing of a massless foot, or the end by a clock or margin."""
     if of.cycle_end != TOUCHDOWN:
         return "end of cycle"
     return "landing" if of.walker.weightless() else "impact"
@@ -406,9 +407,9 @@ def _closed_stops(walker: type[Walker], before: Mode) -> tuple[list[SX], list[SX
     if depends_on(swap, shape):
         raise ProblemError(f"{walker.__name__}: relabel is not affine: the postures after an impact are unknown")
     unswapped = inv(DM(swap) if swap.is_constant() else swap)
-    places = [substitute(eom.mechanism.stops[name], shape, unswapped @ (shape - offset)) for name in before.locked]
-    held = (place for name, place in zip(before.locked, places, strict=True) if name not in walker.open_in_impact)
-    return places, [jtimes(place, shape, eom.dq[:n]) for place in held]
+    gaps = [substitute(eom.mechanism.stops[name], shape, unswapped @ (shape - offset)) for name in before.locked]
+    closed = (gap for name, gap in zip(before.locked, gaps, strict=True) if name not in walker.open_in_impact)
+    return gaps, [jtimes(gap, shape, eom.dq[:n]) for gap in closed]
 
 
 def _in_order(walker: type[Walker]) -> list[int]:

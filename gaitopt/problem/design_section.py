@@ -115,13 +115,13 @@ class DesignReader(SectionReader):
         if self._aggregate is not Aggregate.AT:
             data, path = data[self._aggregate], (*path, self._aggregate.value)
         elif isinstance(data, Mapping) and {*data} & {Aggregate.WORST, Aggregate.MEAN}:
-            words = "counts the whole objective over a range: give {worst: NAME} or {mean: NAME} alone"
-            self._fault(path, f"{' and '.join(map(str, data))}: worst or mean {words}")
+            rule = "counts the whole objective over a range: give {worst: NAME} or {mean: NAME} alone"
+            self._fault(path, f"{' and '.join(map(str, data))}: worst or mean {rule}")
             return {}
         elif isinstance(data, Mapping) and len(data) == 1 and isinstance(next(iter(data.values())), str):
             name = next(iter(data))  # a scalar has a number as its weight
-            words = f"{shown(name)} is no way in which the values over a range count"
-            self._fault(path, f"{words}: give {{worst: NAME}}, {{mean: NAME}}, or NAME: weight")
+            reason = f"{shown(name)} is no way in which the values over a range count"
+            self._fault(path, f"{reason}: give {{worst: NAME}}, {{mean: NAME}}, or NAME: weight")
             return {}
         if isinstance(data, str):
             if why := self._objection(data):
@@ -146,8 +146,8 @@ class DesignReader(SectionReader):
         data, at, aggregate = self._data.get("over"), self._data.get("at"), self._aggregate
         if data is None:
             if aggregate is not Aggregate.AT:
-                words = f"{aggregate} counts the values over a range: give the range, over: {{friction: [lo, hi]}}"
-                self._fault(("objective", aggregate.value), words)
+                message = f"{aggregate} counts the values over a range: give the range, over: {{friction: [lo, hi]}}"
+                self._fault(("objective", aggregate.value), message)
             if at is not None:
                 self._fault(("at",), "is the value within a range at which the objective counts: give over too")
             return None
@@ -164,8 +164,8 @@ class DesignReader(SectionReader):
         if not lower < upper:
             self._fault(path, f"[{lower:g}, {upper:g}] is empty: the lower limit comes first")
         for name in equalities:
-            words = "is a single value, which one control does not meet on all of a range: give {min: a, max: b}"
-            self._fault(("constraints", name), words)
+            reason = "is a single value, which one control does not meet on all of a range: give {min: a, max: b}"
+            self._fault(("constraints", name), reason)
         if self._free.get(key) is not None:
             self._fault(path, "is an unknown of the design: a parameter of the range has a number")
         if isinstance(self._modes, OpenSequence):
@@ -174,8 +174,8 @@ class DesignReader(SectionReader):
             remedy = "free a parameter, {free: [lo, hi], guess: x}; continuation follows a gait over a range"
             self._fault(("over",), f"is for designs, and nothing is an unknown: {remedy}")
         if self._open_loop is not None:
-            words = "open-loop torques end with the step of one floor: use constant_torque, pd or virtual_constraints"
-            self._fault(("control", "type"), f"a design over a range needs a law that walks on all of it: {words}")
+            limit = "open-loop torques end with the step of one floor: use constant_torque, pd or virtual_constraints"
+            self._fault(("control", "type"), f"a design over a range needs a law that walks on all of it: {limit}")
         return Over(key=key, lower=lower, upper=upper, aggregate=aggregate, at=self._read_at(key, lower, upper))
 
     def _read_at(self, key: str, lower: float, upper: float) -> float | None:
@@ -184,8 +184,8 @@ class DesignReader(SectionReader):
         if at is None:
             return None
         if self._aggregate is not Aggregate.AT:
-            words = f"contradicts objective: {{{self._aggregate}: ...}}, which counts all values: leave one out"
-            self._fault(("at",), words)
+            conflict = f"contradicts objective: {{{self._aggregate}: ...}}, which counts all values: leave one out"
+            self._fault(("at",), conflict)
             return None
         faults, form = list[Fault](), ANGLE_VALUE if self._is_angle(key) else VALUE
         value = read_value(form, at[key], (), faults) if isinstance(at, Mapping) and [*at] == [key] else None

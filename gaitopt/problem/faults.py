@@ -1,8 +1,8 @@
-"""Faults of a problem: all errors at once, each with its place, the allowed values and a remedy.
+"""Faults of a problem: all errors at once, each with its location, the allowed values and a remedy.
 
-A fault has the path of its key. A place turns the path into ``file.yaml:7:9 walker.leg_mass``, or into the overridden
-key after the label of the option that set it. For some words that a problem file does not accept (knee, spring, rough
-terrain) the message names the walker that has them, or says that the model excludes them.
+A fault has the path of its key. A ``Place`` turns the path into ``file.yaml:7:9 walker.leg_mass``, or into the
+overridden key after the label of the option that set it. For some words that a problem file does not accept (knee,
+spring, rough terrain) the message names the walker that has them, or says that the model excludes them.
 """
 
 import difflib
@@ -68,7 +68,7 @@ class Place(Protocol):
     """The file or mapping in which a problem was stated."""
 
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
-        """A position to sort by, and the text of the place of ``path``."""
+        """A position to sort by, and the text that locates ``path``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +108,14 @@ class OverridePlace:
 
 @dataclass(frozen=True, slots=True)
 class ChangedPlace:
-    """A place with overrides, the latest ones first; each value is located where it was set last."""
+    """A file or mapping with overrides, the latest ones first; each value is located where it was set last."""
 
     source: Place
     overrides: tuple[OverridePlace, ...]
 
     @classmethod
     def of(cls, place: Place, overrides: OverridePlace) -> "ChangedPlace":
-        """A place with further overrides.
+        """``place`` with further overrides.
 
         Earlier overrides of the same keys are dropped, because a branch overrides its parameter at every point.
         """
@@ -124,19 +124,19 @@ class ChangedPlace:
         return cls(source, (overrides, *others))
 
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
-        """``walker.leg_mass`` after the label, or its place in the file."""
+        """``walker.leg_mass`` after the label, or its location in the file."""
         return next((layer for layer in self.overrides if layer.related(path)), self.source).locate(path)
 
 
 def raise_faults(faults: Iterable[Fault], place: Place) -> None:
-    """Raise a ProblemError with one line per fault, in the order of their places, if there are any."""
+    """Raise a ProblemError with one line per fault, in the order of their locations, if there are any."""
     lines = fault_lines(faults, place)
     if lines:
         raise ProblemError("\n".join(lines))
 
 
 def fault_lines(faults: Iterable[Fault], place: Place) -> list[str]:
-    """One line per fault, in the order of their places; control characters of a file are written as escapes."""
+    """One line per fault, in the order of their locations; control characters of a file are written as escapes."""
     located = sorted((*place.locate(fault.path), fault.message) for fault in faults)
     return list(dict.fromkeys(printable(f"{where}: {message}", keep="") for _, where, message in located))
 

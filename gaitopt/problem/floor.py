@@ -160,9 +160,9 @@ class Floor:
         ProblemError
             If the text states no distribution, or a number is not a whole one or too small.
         """
-        for name, number, least in (("tiles", tiles, 1), ("seed", seed, 0), ("walk", walk, 0)):
-            if not isinstance(number, Integral) or number < least:
-                raise ArgumentError(name, f"is {shown(number)}, but must be a whole number, at least {least}")
+        for name, number, smallest in (("tiles", tiles, 1), ("seed", seed, 0), ("walk", walk, 0)):
+            if not isinstance(number, Integral) or number < smallest:
+                raise ArgumentError(name, f"is {shown(number)}, but must be a whole number, at least {smallest}")
         return RandomFloor.parse(spreads, seed).draw(tiles, walk)
 
     @classmethod
@@ -192,8 +192,8 @@ class Floor:
         lists: dict[str, list[Any]] = {name: [] for name in header}
         for line, row in rows[1:]:
             if len(row) != len(header):
-                words = f"has {counted(len(row), 'value')}, must have {len(header)}, one for each column"
-                raise ProblemError(f"{path}, row {line}: {words}")
+                mismatch = f"has {counted(len(row), 'value')}, must have {len(header)}, one for each column"
+                raise ProblemError(f"{path}, row {line}: {mismatch}")
             for name, text in zip(header, row, strict=True):
                 lower, upper = BOUNDS.get(name, BOUNDS["friction"])
                 try:

@@ -106,9 +106,10 @@ class GaitReader(SectionReader):
             self._fault(("friction", name), f"{difference}: {remedy}")
         if self._control is not None and self._control.exchanged and (within or steps % 2):
             key = next(iter(self._control.exchanged.values())).partition(".")[0]
-            words = "is not possible, since a cycle does not end with a landing: leave it out"
-            words = words if within else "applies in every second step: state the phases of 2, 4, ... steps"
-            self._fault(("control", key), words)
+            reason = "is not possible, since a cycle does not end with a landing: leave it out"
+            if not within:
+                reason = "applies in every second step: state the phases of 2, 4, ... steps"
+            self._fault(("control", key), reason)
 
     @property
     def _legs_differ(self) -> bool:
@@ -220,7 +221,7 @@ class GaitReader(SectionReader):
     def _with_modes(
         self, model: type[Walker], data: Mapping[str, Any], *, is_open: bool
     ) -> tuple[dict[str, Any], list[tuple[tuple[int, Mode], ...]]]:
-        """The data of a gait with modes in place of their words, and the impacts within every step.
+        """The data of a gait with modes in place of their texts, and the impacts within every step.
 
         A phase that begins with the landing of a contact, or the lock of a stop, may state the mode just after that
         impact: ``{mode: stick, impact: stick}``. A landing after which the feet swap roles ends a step. If something
@@ -232,18 +233,18 @@ class GaitReader(SectionReader):
         ends_in_landing = bool(step_ends) and data.get("section", TOUCHDOWN) == TOUCHDOWN
         steps, landings = list[dict[str, Any]](), list[tuple[tuple[int, Mode], ...]]()
         for number, step in enumerate(stated if isinstance(stated, list | tuple) else ()):
-            place: Key = ("gait",) if is_step else ("gait", "steps", number)
+            step_path: Key = ("gait",) if is_step else ("gait", "steps", number)
             if not isinstance(step, Mapping):
                 return dict(data), []  # the section of the gait reports it
             final = step.get("impact")
             if final is not None:
-                final = self._mode(model, final, (*place, "impact"), after_impact=is_open or ends_in_landing)
+                final = self._mode(model, final, (*step_path, "impact"), after_impact=is_open or ends_in_landing)
                 step = {**step, "impact": final}
             if not isinstance(step.get("phases"), list | tuple):
                 return {**data, **step} if is_step else dict(data), []
             modes, struck = list[Mode](), list[tuple[int, Mode]]()
             for k, phase in enumerate(step["phases"]):
-                entry, path = dict(phase) if isinstance(phase, Mapping) else phase, (*place, "phases", k)
+                entry, path = dict(phase) if isinstance(phase, Mapping) else phase, (*step_path, "phases", k)
                 impact = entry.pop(IMPACT, None) if isinstance(entry, dict) else None
                 modes.append(self._mode(model, entry, path))
                 before, after, states_swap = modes[k - 1] if k else modes[k], modes[k], False
@@ -269,7 +270,7 @@ class GaitReader(SectionReader):
                     struck.append((k, Mode.of(after, modes[k].stops)))
             if not ends_in_landing and modes:
                 if final not in (None, modes[-1].contact):
-                    self._fault((*place, "impact"), "the cycle ends without an impact: leave it out")
+                    self._fault((*step_path, "impact"), "the cycle ends without an impact: leave it out")
                 final = modes[-1].contact
             steps.append({**step, "phases": modes} | ({} if final is None else {"impact": final}))
             landings.append(tuple(struck))
@@ -377,7 +378,7 @@ class GaitReader(SectionReader):
                 value, state[name], rel_tol=SELECTING_TOLERANCE, abs_tol=SELECTING_TOLERANCE
             ):
                 conflict = f"{value:g} contradicts the section, where it is {state[name]:.9g} next to the given values"
-                where = f"a cycle ends with {section.words}, with these contacts on the ground"
+                where = f"a cycle ends with {section.contacts_after}, with these contacts on the ground"
                 remedy = "to simulate from any state leave gait out, and give state and until"
                 self._fault((*path, name), f"{conflict}: {where}; {remedy}")
         return state
@@ -403,8 +404,7 @@ class GaitReader(SectionReader):
             stated = self._stated_state(self._model, guess.state, (*path, "state"))
             for name in () if stated is None else stated[1][:1]:
                 needed = ", ".join(self._model.state_names())
-                words = f"is missing; where the modes are open, the state needs {needed}"
-                self._fault((*path, "state", name), words)
+                self._fault((*path, "state", name), f"is missing; where the modes are open, the state needs {needed}")
             return sequence, None if stated is None or stated[1] else Guess(state=stated[0], durations=None)
         if guess.durations is not None:
             self._fault((*path, "durations"), "the phases are open: leave the durations out")

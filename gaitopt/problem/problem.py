@@ -92,7 +92,7 @@ class Problem(ProblemStatement):
     path, text : its file and the verbatim text, without overrides.
     origin : the problem with an open sequence whose solution this is; results are stored under its name and digest.
     file : the problem in the file, before ``replace`` changed it; None for that problem itself.
-    place : the place of each value: a line of the file, or an override.
+    place : locates each value: a line of the file, or an override.
     """
 
     reference: "Problem | None" = None
@@ -107,7 +107,7 @@ class Problem(ProblemStatement):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks on unusual numbers, one line each with its place; empty for most problems."""
+        """Remarks on unusual numbers, one line each with its location; empty for most problems."""
         return tuple(fault_lines(remarks(self), self.place))
 
     @property
@@ -172,16 +172,16 @@ class Problem(ProblemStatement):
         faults: list[Fault] = []
         data = problem_data(self)
         overrides = {**overrides, **self._nominal_values(data, overrides)}
-        place = override(data, overrides, faults, label)
-        raise_faults(faults, place)
+        overridden = override(data, overrides, faults, label)
+        raise_faults(faults, overridden)
         known = {} if self.reference is None else {self.control.source[0]: self.reference}
         files = () if self.path is None else (self.path,)
-        changed = build_problem(data, place, faults, self._classes, files, text=self.text, known=known)
+        changed = build_problem(data, overridden, faults, self._classes, files, text=self.text, known=known)
         file = self if self.file is None else self.file
         same = changed.reference == file.reference and all(
             getattr(changed, entry.name) == getattr(file, entry.name) for entry in fields(ProblemStatement)
         )
-        return replace(changed, place=ChangedPlace.of(self.place, place), file=None if same else file)
+        return replace(changed, place=ChangedPlace.of(self.place, overridden), file=None if same else file)
 
     def _nominal_values(self, data: Mapping[str, Any], overrides: Mapping[str, object]) -> dict[str, object]:
         """The override that keeps the values which others change for the nominal gait of feedback from step to step."""
@@ -335,9 +335,9 @@ class Problem(ProblemStatement):
         """Why a parameter cannot have a value, regardless of other parameters; None if it can."""
         faults: list[Fault] = []
         data = problem_data(self)
-        place = override(data, {key: value}, faults)
+        overridden = override(data, {key: value}, faults)
         read_statement(data, self._classes, faults)
-        return next((fault.message for fault in faults if fault.path == place.keys[key]), None)
+        return next((fault.message for fault in faults if fault.path == overridden.keys[key]), None)
 
     @property
     def _classes(self) -> Known:

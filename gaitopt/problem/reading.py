@@ -211,7 +211,7 @@ class _StatementReader(SectionReader):
                 if section is None or model is None:
                     return None
                 control = section if isinstance(section, law) else law(**dict(section))
-            faults = [Fault(("control", *place), message) for place, message in law_faults(control, model)]
+            faults = [Fault(("control", *path), message) for path, message in law_faults(control, model)]
             self._faults += faults
             if not (faults or control.source[0] or law.__module__.startswith(OWN_PACKAGE)):
                 check_hooks(control, model)
@@ -239,8 +239,8 @@ class _StatementReader(SectionReader):
             plain = _with(plain, keys, unknown.guess)
         section = read_section(model, plain, path, section_faults)
         for fault in section_faults:
-            place = fault.path[len(path) :]
-            owner = next((keys for keys in freed if place[: len(keys)] == keys), None)
+            subpath = fault.path[len(path) :]
+            owner = next((keys for keys in freed if subpath[: len(keys)] == keys), None)
             if owner in unknowns:
                 self._fault((*fault.path, "guess"), fault.message)
             elif owner is None:  # faults of an unknown's mapping are already reported
@@ -269,7 +269,7 @@ class _StatementReader(SectionReader):
         if len(bounds) < 2:
             return None
         free = Free[float](free=(bounds[0], bounds[1]), guess=guess)
-        self._faults += [Fault((*path, *place), words) for place, words in free.faults()]
+        self._faults += [Fault((*path, *keys), message) for keys, message in free.faults()]
         return free
 
 

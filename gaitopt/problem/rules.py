@@ -50,7 +50,7 @@ FEET_APART = 1e-6
 LARGEST_LENGTH = 50.0
 """Length [m] above which a walker is probably given in millimetres."""
 SMALLEST_MASS = 1e-6
-"""A mass below this part of the total is probably a mistake."""
+"""A mass below this fraction of the total is probably a mistake."""
 LARGEST_TABLE_ERROR = 0.1
 """If the first or last value of a table differs more from its joint, the table is probably not made for this gait [rad,
 or leg lengths]."""
@@ -160,16 +160,16 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
         return
     lands_within = problem.cycle_end not in (TOUCHDOWN, CLOCK) and walker.step_ends()
     if lands_within and (law.breakpoints or function.jac_sparsity(0, 0).nnz()):
-        words = f"{type(law).__name__} depends on the time since the last landing, which lies within the cycle"
-        yield Fault(("gait", "section"), f"{words}: end the cycle with a landing or the clock")
+        reason = f"{type(law).__name__} depends on the time since the last landing, which lies within the cycle"
+        yield Fault(("gait", "section"), f"{reason}: end the cycle with a landing or the clock")
         return
     z = np.zeros(system.n_z) if problem.start is None else np.array([*problem.start.state.values()])
     p, times, name = system.values(problem.parameters), law.breakpoints, type(law).__name__
     jumps = () if type(law).__module__.startswith(OWN_PACKAGE) else jumping_operations(function)
     if jumps:
-        words = f"{name}: torques uses {', '.join(jumps)} of time or state, which may jump where no mode ends"
+        reason = f"{name}: torques uses {', '.join(jumps)} of time or state, which may jump where no mode ends"
         remedy = "jumps in time are breakpoints; write others smoothly, such as tanh(x / width) for sign(x)"
-        yield Fault(("control",), f"{words}: {remedy}")
+        yield Fault(("control",), f"{reason}: {remedy}")
         return
     where = "with all coordinates zero" if problem.start is None else "at the guess"
     if isinstance(law, VirtualConstraints) and law.law is Law.LINEARISING and problem.start is not None:
@@ -177,9 +177,9 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
         sizes = np.linalg.svd(np.asarray(known["decoupling"]), compute_uv=False)
         if not sizes[-1] > SMALLEST_SINGULAR_RATIO * sizes[0]:
             outputs, motors = ", ".join(law.outputs), ", ".join(law.driven_by(walker))
-            words = f"the decoupling matrix of {outputs} is singular {where}: the motors {motors} cannot accelerate"
+            reason = f"the decoupling matrix of {outputs} is singular {where}: the motors {motors} cannot accelerate"
             remedy = "choose other outputs or motors, or law: pd"
-            yield Fault(("control", "outputs"), f"{words} these outputs independently; {remedy}")
+            yield Fault(("control", "outputs"), f"{reason} these outputs independently; {remedy}")
             return
     at_start, at_end = (np.full(len(walker.actuators), np.nan) for _ in range(2))
     evaluate = buffered(function)
@@ -187,13 +187,13 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
         data = law.data(segment)
         at_start = evaluate(time, z, p, data)[0].copy()
         for k, (actuator, unit) in enumerate(actuator_units(walker).items()):
-            u, words = at_start[k], MOTOR_WORDS[unit]
+            u, effort = at_start[k], MOTOR_WORDS[unit]
             if not np.isfinite(u):
-                yield Fault(("control",), f"{name}: the {words} of {actuator} is {u:g} {where}, but must be a number")
+                yield Fault(("control",), f"{name}: the {effort} of {actuator} is {u:g} {where}, but must be a number")
             elif segment and not law.jumps and abs(u - at_end[k]) > LARGEST_TORQUE_JUMP * max(abs(u), abs(at_end[k])):
                 jump = f"from {at_end[k]:.6g} to {u:.6g} {unit} at its breakpoint {time:g} s"
                 remedy = "make it continuous there, or set jumps = True"
-                yield Fault(("control",), f"{name}: the {words} of {actuator} jumps {jump}: {remedy}")
+                yield Fault(("control",), f"{name}: the {effort} of {actuator} jumps {jump}: {remedy}")
         if segment < len(times):
             at_end = evaluate(times[segment], z, p, data)[0].copy()
     if not law.restarts or problem.cycle_end == CLOCK:
@@ -216,10 +216,10 @@ def _kinks(problem: ProblemStatement) -> Iterator[Fault]:
         return
     kinks = jumping_operations(_torques(problem, _controlled_system(problem))[1], KINKED)
     if kinks:
-        words = f"torques uses {', '.join(kinks)} of time or state, whose kink gaitopt does not locate"
+        reason = f"torques uses {', '.join(kinks)} of time or state, whose kink gaitopt does not locate"
         remedy = "it may keep a solve or a verification from its accuracy"
         smooth = "write it smoothly, such as sqrt(x**2 + width**2) for fabs(x)"
-        yield Fault(("control",), f"{type(law).__name__}: {words}: {remedy}; {smooth}")
+        yield Fault(("control",), f"{type(law).__name__}: {reason}: {remedy}; {smooth}")
 
 
 def _loose_ends(problem: ProblemStatement, length: float) -> Iterator[Fault]:
@@ -249,8 +249,8 @@ def _loose_ends(problem: ProblemStatement, length: float) -> Iterator[Fault]:
         for name, error in zip(names, np.asarray(known["outputs"]).ravel().tolist(), strict=True):
             unit, size = ("m", length) if name in walker.lengths else ("rad", 1.0)
             if abs(error) > LARGEST_TABLE_ERROR * size:
-                words = f"the {row} value of {name} is {abs(error):.3g} {unit} from its joint {where}, at the guess"
-                yield Fault(("control", key, "table"), f"{table.table.file}: {words}; the torques jump at the impact")
+                offset = f"the {row} value of {name} is {abs(error):.3g} {unit} from its joint {where}, at the guess"
+                yield Fault(("control", key, "table"), f"{table.table.file}: {offset}; the torques jump at the impact")
 
 
 def _controlled_system(problem: ProblemStatement) -> HybridSystem:
@@ -286,10 +286,10 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
     steps = () if problem.is_open else problem.cycle.steps
     for k, step in enumerate(steps):
         if len(step.phases) > MANY_PHASES:
-            place: Key = ("gait", "steps", k, "phases") if len(steps) > 1 else ("gait", "phases")
-            yield Fault(place, f"{len(step.phases)} phases in one step are many: a solution may take minutes")
-    for words in forgotten_inertia(type(walker)):
-        yield Fault(("walker",), words)
+            path = ("gait", "steps", k, "phases") if len(steps) > 1 else ("gait", "phases")
+            yield Fault(path, f"{len(step.phases)} phases in one step are many: a solution may take minutes")
+    for remark in forgotten_inertia(type(walker)):
+        yield Fault(("walker",), remark)
     if lacks_energy(problem):
         yield Fault(("walker",), NO_ENERGY)
     yield from _loose_ends(problem, scales.length)
@@ -367,8 +367,8 @@ def _spans(problem: ProblemStatement) -> Iterator[Span]:
         group, *names = key.split(".")
         ranges = _ranges(sections[group]).get(names[0], ()) if group in sections else ()
         for k, bound in enumerate((unknown.lower, unknown.upper)):
-            place: Key = (group, *names, "free", k)
-            yield from ((place, bound, bound, _of_motor(walker, (group, *names), within)) for within in ranges)
+            path = (group, *names, "free", k)
+            yield from ((path, bound, bound, _of_motor(walker, (group, *names), within)) for within in ranges)
     for name, span in problem.constraints.items():
         for within in _scalar_range(name, problem):
             yield ("constraints", name), span.minimum, span.maximum, within

@@ -311,8 +311,8 @@ def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
     if isinstance(friction, Mapping):
         numbers = dict[str, float | None]()
         for name, value in friction.items():
-            several = {f".{kind}": v for kind, v in value.items()} if isinstance(value, Mapping) else {"": value}
-            numbers |= {f"friction.{name}{kind}": v for kind, v in several.items()}
+            by_kind = {f".{kind}": v for kind, v in value.items()} if isinstance(value, Mapping) else {"": value}
+            numbers |= {f"friction.{name}{kind}": v for kind, v in by_kind.items()}
     else:
         numbers = {"friction": friction}
     return numbers | {key: record[key] for key in SCALARS if key in record}

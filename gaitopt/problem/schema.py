@@ -243,8 +243,8 @@ class FirstGuessSection(Section):
         for number, posture in enumerate(self.postures or ()):
             for name in posture:
                 if name not in walker.shape:
-                    words = f"is not a shape coordinate of {walker.model}{near_miss(name, walker.shape)}"
-                    yield ("postures", number, name), words
+                    reason = f"is not a shape coordinate of {walker.model}{near_miss(name, walker.shape)}"
+                    yield ("postures", number, name), reason
             missing = ", ".join(name for name in walker.shape if name not in posture)
             if missing:
                 yield ("postures", number), f"lacks {missing}: a posture states every shape coordinate"
@@ -288,28 +288,28 @@ class AngleRangeSection(RangeSection):
     max: Annotated[Angle | None, Field(description="upper bound [rad], none if left out")] = None
 
 
-def _refused(value: object, words: str) -> PydanticCustomError:
-    return PydanticCustomError("refused", f"{shown(value)} {words}")
+def _refused(value: object, reason: str) -> PydanticCustomError:
+    return PydanticCustomError("refused", f"{shown(value)} {reason}")
 
 
-def _form(words: str) -> WrapValidator:
+def _form(reason: str) -> WrapValidator:
     """A validator that gives every value which a type refuses one message."""
 
     def read(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
         try:
             return handler(value)
         except ValidationError:
-            raise _refused(value, words) from None
+            raise _refused(value, reason) from None
 
     return WrapValidator(read)
 
 
-def _mapping(words: str, fewest: int = 0) -> BeforeValidator:
+def _mapping(reason: str, fewest: int = 0) -> BeforeValidator:
     """A validator that gives every value but a mapping with as many entries one message."""
 
     def read(value: Any) -> Any:
         if not isinstance(value, Mapping) or len(value) < fewest:
-            raise _refused(value, words)
+            raise _refused(value, reason)
         return value
 
     return BeforeValidator(read)
@@ -448,11 +448,11 @@ def problem_schema() -> dict[str, Any]:
                 *(
                     {
                         "type": "object",
-                        "properties": {word: {"anyOf": weights, "description": f"scalar or weights; {words} counts"}},
+                        "properties": {word: {"anyOf": weights, "description": f"scalar or weights; {value} counts"}},
                         "required": [word],
                         "maxProperties": 1,
                     }
-                    for word, words in (
+                    for word, value in (
                         (Aggregate.WORST.value, "the largest value over the range"),
                         (Aggregate.MEAN.value, "the mean of nine equally spaced values"),
                     )

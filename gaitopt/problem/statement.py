@@ -436,7 +436,7 @@ def _without_about(data: Any) -> Any:
 def override(
     data: dict[str, Any], overrides: Mapping[str, object], faults: list[Fault], label: str = ""
 ) -> OverridePlace:
-    """Set values in the data of a problem by dotted key, and return the place by which faults name them.
+    """Set values in the data of a problem by dotted key, and return the keys by which faults name them.
 
     Dotted keys are friction, walker.slope, gait.guess.state.theta1, constraints.speed.min, and so on. A change of the
     mode sequence removes what no longer applies in the gait and its first guess, unless it is set too: durations if the
@@ -451,20 +451,20 @@ def override(
     """
     before = data.get("gait", {})
     was_open, phase_counts = before.get("phases") == OPEN, _phase_counts(before)
-    place = OverridePlace({key: _path(key, data) for key in overrides}, label)
+    overridden = OverridePlace({key: _path(key, data) for key in overrides}, label)
     for key, value in overrides.items():
-        _set(data, place.keys[key], value, faults)
+        _set(data, overridden.keys[key], value, faults)
     gait = data.get("gait")
     for key in SIMULATION_KEYS if gait is not None and not before else ():  # the problem gets a gait
         data.pop(key, None)
     if faults or not isinstance(gait, dict) or not isinstance(gait.get("guess"), dict):
-        return place
+        return overridden
 
     def is_set(path: Key) -> bool:
-        return any(path[: len(key)] == key for key in place.keys.values())
+        return any(path[: len(key)] == key for key in overridden.keys.values())
 
     guess, is_open = gait["guess"], gait.get("phases") == OPEN
-    if any(key[:3] == ("gait", "guess", "state") for key in place.keys.values()):
+    if any(key[:3] == ("gait", "guess", "state") for key in overridden.keys.values()):
         for key in FirstGuessSection.model_fields:
             if not is_set(("gait", "guess", key)):
                 guess.pop(key, None)
@@ -483,7 +483,7 @@ def override(
     sticks = isinstance(last, Mapping) and last.get("impact") == Mode.STICK
     if sticks and not is_set(("gait", "guess", "state", "dx")) and isinstance(guess.get("state"), dict):
         guess["state"].pop("dx", None)
-    return place
+    return overridden
 
 
 def parameter_key(key: str) -> str:

@@ -139,7 +139,7 @@ class ReturnMap:
         if impact is not None and self.section.holds(steps[-1].arcs[-1].mode, impact.mode):
             after = impact.state[self._indices]
         elif impact is not None:
-            message = f"the impact ends with {impact.mode.brief}, off the section of {self.section.words}"
+            message = f"the impact ends with {impact.mode.brief}, off the section of {self.section.contacts_after}"
         return CycleOutcome(xi=after, steps=steps, message=message)
 
     @np.errstate(divide="ignore", invalid="ignore")  # at a grazed event the rate is zero
