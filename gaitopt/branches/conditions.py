@@ -335,7 +335,7 @@ class _MonitorSeries:
             mode = self.cycle.phases[phase - 1]
             guard = self.table.between(mode, self.cycle.phases[phase]).guard
         else:
-            mode, guard = self.table.held(self.cycle.phases[phase], contact_of(name))
+            mode, guard = self.table.sticking(self.cycle.phases[phase], contact_of(name))
         times, states = self.jets.samples(index, np.zeros(1))
         return -self._margin(mode, guard, index, times, states)[:, :, 0]
 

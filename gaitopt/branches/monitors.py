@@ -292,6 +292,6 @@ def _time_to_jump(arc: Arc, after: Mode) -> float:
 def _force_beyond_cone(arc: Arc, contact: str) -> float:
     """Excess of the force that would hold a contact at the start of a slip over static friction [N]."""
     table = arc.dynamics.system.transitions
-    stick, cone = table.held(arc.mode, contact)
+    stick, cone = table.sticking(arc.mode, contact)
     margins = arc.dynamics.margins(stick, arc.segment, arc.times[:1], arc.states[:1])[0]
     return -float(margins[table.margin_names(stick).index(cone)])

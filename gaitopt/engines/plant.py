@@ -430,7 +430,7 @@ def _tree(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[np.intp]]:
         for link in (links.stance, links.swing)
     ]
     angles = vertcat(*(SX(link.angle) for link in moving))
-    origins = vertcat(*(links.place(link, ORIGIN) for link in moving))
+    origins = vertcat(*(links.position(link, ORIGIN) for link in moving))
     moved = [jtimes(value, q, dq) for value in (angles, origins)]
     n = len(walker.shape)
     z = vertcat(q[: n + 1], dq[: n + 1])
@@ -674,7 +674,7 @@ def tree_record(gait: Gait) -> dict[str, Any] | None:
     by_name = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)})
     tree = state_tree(walker, by_name, parameter_namespace(walker, fields))
     root = next(link for link in tree.links if link.parent is None)
-    x, z = vertsplit(tree.place(root, ORIGIN))
+    x, z = vertsplit(tree.position(root, ORIGIN))
     placed = {"root_x": x, "root_z": z, "root_pitch": root.angle, **tree.joints}
     joints = vertcat(*placed.values())
     start = Function("start", [q, dq, fields], [joints, jtimes(joints, q, dq)])

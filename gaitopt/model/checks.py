@@ -101,14 +101,14 @@ def check_walker(walker: type[Walker] | Walker, parameters: Mapping[str, float] 
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ProblemError(f"{model.__name__}: the parameter {name} is {shown(value)}, but must be a number")
         if not -LARGEST_SIZE <= value <= LARGEST_SIZE:
-            words = f"{shown(value)}, but must be a number of at most {LARGEST_SIZE:g} in size"
-            raise ProblemError(f"{model.__name__}: the parameter {name} is {words}")
+            limit = f"must be a number of at most {LARGEST_SIZE:g} in size"
+            raise ProblemError(f"{model.__name__}: the parameter {name} is {shown(value)}, but {limit}")
     with calling(model, "its equations"):
         reason = _fault(model, tuple(float(values[name]) for name in model.model_fields))
     if reason is not None:
         raise ProblemError(f"{model.__name__}: {reason}")
-    for words in forgotten_inertia(model):
-        warnings.warn(f"{model.__name__}: {words}", GaitoptWarning, stacklevel=2)
+    for remark in forgotten_inertia(model):
+        warnings.warn(f"{model.__name__}: {remark}", GaitoptWarning, stacklevel=2)
 
 
 @built_once(maxsize=32)
@@ -120,12 +120,12 @@ def forgotten_inertia(walker: type[Walker]) -> tuple[str, ...]:
     if is_default(walker, "mechanism"):
         return ()
     bodies = symbolic_mechanism(walker).mechanism.bodies
-    words = {
+    remarks = {
         (True, False): "has an angle, but no inertia: it moves like a point mass; state its inertia",
         (False, True): "has an inertia, but no angle: it never turns; state its angle",
     }
     kinds = [(not SX(body.angle).is_constant(), not SX(body.inertia).is_zero()) for body in bodies]
-    return tuple(f"body {k} {words[kind]}" for k, kind in enumerate(kinds) if kind in words)
+    return tuple(f"body {k} {remarks[kind]}" for k, kind in enumerate(kinds) if kind in remarks)
 
 
 def section_posture(walker: type[Walker], free: Mapping[str, float], p: Array) -> tuple[Array, Array]:
@@ -404,10 +404,10 @@ def _links_pairs(walker: type[Walker]) -> Function:
     motors = dict(zip(walker.actuators, mechanism.motors, strict=True))
     stated = properties(mechanism.bodies, mechanism.swing_foot, motors)
     follow = properties(tree.bodies(), tree.swing_foot, tree.joints)
-    outputs = [densify(part) for pair in zip(stated, follow, strict=True) for part in pair]
+    outputs = [densify(output) for pair in zip(stated, follow, strict=True) for output in pair]
     shape = q[: len(walker.shape)]
     at_foot = substitute(vertcat(*map(vec, outputs)), q[len(walker.shape) :], SX.zeros(2))
-    sizes = np.cumsum([0, *(part.numel() for part in outputs)])
+    sizes = np.cumsum([0, *(output.numel() for output in outputs)])
     return Function("links", [shape, p], [at_foot[a:b] for a, b in pairwise(map(int, sizes))])
 
 

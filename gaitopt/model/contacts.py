@@ -449,8 +449,8 @@ def massless_landing(eom: EquationsOfMotion) -> tuple[SX, SX]:
         return state_landing(eom.walker, q, dq, parameter_namespace(eom.walker, eom.p))
     shape, inertia, momentum = SX(eom.mechanism.relabel), SX.zeros(n, n), SX.zeros(n)
     for body in eom.mechanism.bodies:
-        for mass, place in ((body.mass, body.position), (body.inertia, SX(body.angle))):
-            before = jacobian(place, eom.q[:n])
+        for mass, coordinate in ((body.mass, body.position), (body.inertia, SX(body.angle))):
+            before = jacobian(coordinate, eom.q[:n])
             after = substitute(before, eom.q[:n], shape)
             inertia += mass * (after.T @ after)
             momentum += mass * (after.T @ (before @ eom.dq[:n]))
@@ -522,17 +522,17 @@ def _inequalities(walker: type[Walker], mode: Mode) -> tuple[_Inequality, ...]:
     rows = []
     for k, name in enumerate(structure.group):
         for kind in kinds[mode.directions[name]]:
-            part = kind, name
-            value, sample = _row_of(structure, part, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE)
-            _, unlike = _row_of(structure, part, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE + 0.1 * k)
-            rows.append(_Inequality((part,), value, sample, sample, unlike))
+            margin = kind, name
+            value, sample = _row_of(structure, margin, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE)
+            _, unlike = _row_of(structure, margin, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE + 0.1 * k)
+            rows.append(_Inequality((margin,), value, sample, sample, unlike))
     return tuple(rows)
 
 
-def _row_of(structure: Structure, part: tuple[str, str], force: Any, nulls: Any, mu: Any) -> tuple[Any, Any]:
+def _row_of(structure: Structure, margin: tuple[str, str], force: Any, nulls: Any, mu: Any) -> tuple[Any, Any]:
     """Value and coefficients of one inequality, numbers or symbols."""
     index = {constraint: k for k, constraint in enumerate(structure.constraints)}
-    kind, name = part
+    kind, name = margin
     normal = nulls[index[name, 1], :]
     if kind == "normal_force":
         return force[1], normal
@@ -613,7 +613,7 @@ def sharing_contacts(walker: type[Walker], mode: Mode) -> tuple[tuple[str, ...],
 
 
 def shares_of(walker: type[Walker], mode: Mode) -> tuple[tuple[tuple[str, str], ...], ...]:
-    """Parts of the margins of the groups of contacts whose forces are undetermined; see ``Share``."""
+    """Margins that each margin of a group with undetermined forces combines; see ``Share``."""
     structure = constraint_structure(walker, mode)
     return tuple(row.parts for row in _without_shares(structure, _inequalities(walker, mode)))
 

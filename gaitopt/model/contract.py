@@ -86,10 +86,10 @@ def _class_faults(law: type[Control]) -> Iterator[str]:
             yield f"{name} has an annotation of a type, which makes it a key: write {name} = ... without one"
         elif not hasattr(law, name):
             yield f"does not define its {name}"
-    for name, words in (("type", "by which problem files name the law"), ("version", "such as '1'")):
+    for name, hint in (("type", "by which problem files name the law"), ("version", "such as '1'")):
         value = getattr(law, name)
         if not (isinstance(value, str) and MODEL.fullmatch(value)):
-            yield f"{name} is {shown(value)}, but must be a word, {words}"
+            yield f"{name} is {shown(value)}, but must be a word, {hint}"
     for name in ("jumps", "restarts"):
         if not isinstance(getattr(law, name), bool):
             yield f"{name} is {shown(getattr(law, name))}, but must be True or False"
@@ -112,8 +112,8 @@ def _field_faults(name: str, field: FieldInfo) -> Iterator[str]:
     annotation = field.annotation
     if any(kind in OPAQUE for kind in _types(annotation)):
         kind = str(annotation) if get_args(annotation) else getattr(annotation, "__name__", str(annotation))
-        words = "which does not say what problem files may give: state one such as float, str or tuple[float, ...]"
-        yield f"is of type {kind}, {words}"
+        reason = "which does not say what problem files may give: state one such as float, str or tuple[float, ...]"
+        yield f"is of type {kind}, {reason}"
     for entry in field.metadata:
         if isinstance(entry, Within) and entry.unit not in UNITS:
             yield f"has a range in {shown(entry.unit)}, which is not a natural unit: {', '.join(UNITS)}"
@@ -139,8 +139,8 @@ def law_section(law: type[Control], walker: WalkerType) -> SectionType:
     with calling(law, "section"):
         section: object = law.section(walker)
     if not (isinstance(section, type) and issubclass(section, BaseModel)):
-        words = "must return a pydantic class with the keys of the law, such as cls"
-        raise ProblemError(f"{law.__name__}: section returns {shown(section)}, but {words}")
+        rule = "must return a pydantic class with the keys of the law, such as cls"
+        raise ProblemError(f"{law.__name__}: section returns {shown(section)}, but {rule}")
     return section
 
 
@@ -159,8 +159,8 @@ def law_faults(law: Control, walker: WalkerType) -> Iterator[tuple[Path, str]]:
         path, message = entry if isinstance(entry, tuple) and len(entry) == 2 else (None, None)
         keys = isinstance(path, tuple) and all(isinstance(key, str | int) for key in path)
         if not (keys and isinstance(message, str)):
-            words = 'a path and a message, such as (("gains", "hip"), "is missing")'
-            raise ProblemError(f"{kind.__name__}: faults yields {shown(entry)}, but must yield {words}")
+            expected = 'a path and a message, such as (("gains", "hip"), "is missing")'
+            raise ProblemError(f"{kind.__name__}: faults yields {shown(entry)}, but must yield {expected}")
     yield from stated
 
 
@@ -177,8 +177,8 @@ def check_hooks(law: Control, walker: WalkerType) -> None:
         phase: object = law.phase_variable
     phases = (*walker.shape, *walker.phases)
     if phase != "" and phase not in phases:
-        words = f"must be a phase variable of {walker.model}, {', '.join(phases)}, or empty"
-        raise ProblemError(f"{name}: phase_variable is {shown(phase)}, but {words}")
+        rule = f"must be a phase variable of {walker.model}, {', '.join(phases)}, or empty"
+        raise ProblemError(f"{name}: phase_variable is {shown(phase)}, but {rule}")
     for key in law.parameters:
         with calling(kind, "unit"):
             unit: object = law.unit(key)
@@ -212,9 +212,9 @@ def check_period(law: Control, motors: Sequence[str], torques: Function, z: Arra
         start, end = applied[0], applied[-1]
         if not (np.abs(end - start) <= LARGEST_JUMP * np.abs(applied).max(initial=0.0)).all():
             k = int(np.argmax(np.abs(end - start)))
-            words = f"the motor {motors[k]} applies {start[k]:.6g} at its start and {end[k]:.6g} at its end"
+            jump = f"the motor {motors[k]} applies {start[k]:.6g} at its start and {end[k]:.6g} at its end"
             remedy = "make the torques periodic, or set jumps = True"
-            raise ProblemError(f"{type(law).__name__}: period is {law.period:g} s, but {words}: {remedy}")
+            raise ProblemError(f"{type(law).__name__}: period is {law.period:g} s, but {jump}: {remedy}")
 
 
 def check_clock(law: Control) -> None:
@@ -238,8 +238,8 @@ def check_clock(law: Control) -> None:
         with calling(kind, key):
             stated[key] = value(law)
         if key == "breakpoints" and len(stated[key]) > MOST_KNOTS and not kind.__module__.startswith(OWN_PACKAGE):
-            words = f"{len(stated[key]):,} breakpoints divide the motion into as many parts; use at most {MOST_KNOTS}"
-            raise ProblemError(f"{name}: {words}, or smooth torques")
+            limit = f"{len(stated[key]):,} breakpoints divide the motion into as many parts; use at most {MOST_KNOTS}"
+            raise ProblemError(f"{name}: {limit}, or smooth torques")
     times, horizon, period = stated["breakpoints"], stated["horizon"], stated["period"]
     if not (all(map(_is_time, times)) and all(a < b for a, b in pairwise((0.0, *times)))):
         raise ProblemError(f"{name}: breakpoints are {shown(times)}, but must be increasing times above 0 [s]")
@@ -251,12 +251,12 @@ def check_clock(law: Control) -> None:
     for segment, data in enumerate(stated["data"]):
         numbers = isinstance(data, np.ndarray) and data.ndim == 1 and data.dtype.kind in "iuf"
         if not (numbers and np.isfinite(data).all()):
-            words = "must be a row of finite numbers, such as np.array([1.0, 0.0])"
-            raise ProblemError(f"{name}: data({segment}) is {shown(data)}, but {words}")
+            rule = "must be a row of finite numbers, such as np.array([1.0, 0.0])"
+            raise ProblemError(f"{name}: data({segment}) is {shown(data)}, but {rule}")
     lengths = sorted({data.size for data in stated["data"]})
     if len(lengths) > 1:
-        words = f"{' or '.join(map(str, lengths))} numbers, but must have the same length in every segment"
-        raise ProblemError(f"{name}: data has {words}")
+        counts = f"{' or '.join(map(str, lengths))} numbers, but must have the same length in every segment"
+        raise ProblemError(f"{name}: data has {counts}")
     varied = symbolic(law, parameter_names(law, SX.sym("p", len(law.parameters))))
     for key, value in read.items():
         try:
@@ -264,8 +264,8 @@ def check_clock(law: Control) -> None:
         except Exception:  # noqa: BLE001 - a law that computes with symbols instead of numbers may raise anything
             same = False
         if not same:
-            words = "depends on a parameter, which may vary: annotate that one as Annotated[float, gaitopt.Fixed]"
-            raise ProblemError(f"{name}: {key} {words}")
+            reason = "depends on a parameter, which may vary: annotate that one as Annotated[float, gaitopt.Fixed]"
+            raise ProblemError(f"{name}: {key} {reason}")
 
 
 def _equal(one: Any, other: Any) -> bool:
@@ -325,8 +325,8 @@ def torques(law: Control, now: Instant, p: SX) -> SX:
     with calling(kind, "torques"):
         stated = symbolic(law, now.p).torques(now)
     if not isinstance(stated, Mapping):
-        words = "a mapping from actuators to torques"
-        raise ProblemError(f"{kind.__name__}: torques returns {shown(stated)}, but must return {words}")
+        expected = "a mapping from actuators to torques"
+        raise ProblemError(f"{kind.__name__}: torques returns {shown(stated)}, but must return {expected}")
     for name in stated:
         if name not in walker.actuators:
             has = f"has the actuators {', '.join(walker.actuators)}" if walker.actuators else "has no actuators"
@@ -352,7 +352,7 @@ def quantities(law: Control, now: Instant, p: SX) -> dict[str, SX]:
     with calling(kind, "quantities"):
         stated: object = symbolic(law, now.p).quantities(now)
     if not (isinstance(stated, Mapping) and all(isinstance(name, str) for name in stated)):
-        words = "must return a mapping from names to expressions"
-        raise ProblemError(f"{kind.__name__}: quantities returns {shown(stated)}, but {words}")
+        rule = "must return a mapping from names to expressions"
+        raise ProblemError(f"{kind.__name__}: quantities returns {shown(stated)}, but {rule}")
     read = Reader(kind, SimpleNamespace(symbols=known), SimpleNamespace())
     return {name: read.expression(f"quantities[{name!r}]", value) for name, value in stated.items()}

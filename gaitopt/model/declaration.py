@@ -322,8 +322,8 @@ def state_landing(walker: type[Walker], q: SimpleNamespace, dq: SimpleNamespace,
     with calling(walker, "landing"):
         stated = walker.landing(q, dq, p)
     if not (is_list(stated, object) and len(stated) == 2):
-        words = "two tuples: the shape coordinates and their rates"
-        raise ProblemError(f"{walker.__name__}: landing returns {shown(stated)}, but must return {words}")
+        expected = "two tuples: the shape coordinates and their rates"
+        raise ProblemError(f"{walker.__name__}: landing returns {shown(stated)}, but must return {expected}")
     read = Reader(walker, SimpleNamespace(**vars(q), **{f"d{name}": rate for name, rate in vars(dq).items()}), p)
     return _read_shape(walker, read, "landing", stated[0]), _read_shape(walker, read, "landing", stated[1])
 
@@ -343,8 +343,8 @@ def state_picture(
     with calling(walker, "outline"):
         lines = tree.lines() if tree and is_default(walker, "outline") else walker.outline(q, p)
     if not (is_list(lines, tuple | list) and all(len(line) > 1 for line in lines)):
-        words = "a tuple of lines, each a tuple of at least two points"
-        raise ProblemError(f"{walker.__name__}: outline returns {shown(lines)}, but must return {words}")
+        expected = "a tuple of lines, each a tuple of at least two points"
+        raise ProblemError(f"{walker.__name__}: outline returns {shown(lines)}, but must return {expected}")
     drawn = tuple(
         tuple(read.vector(f"outline, line {k}, point {i}", point, 2, "all") for i, point in enumerate(line))
         for k, line in enumerate(lines)
@@ -357,11 +357,11 @@ def state_picture(
 def _read_shape(walker: type[Walker], read: Reader, method: str, stated: object) -> SX:
     """One expression per shape coordinate, as a column."""
     if not isinstance(stated, tuple | list):
-        words = "a tuple of one expression per shape coordinate"
-        raise ProblemError(f"{walker.__name__}: {method} returns {shown(stated)}, but must return {words}")
+        expected = "a tuple of one expression per shape coordinate"
+        raise ProblemError(f"{walker.__name__}: {method} returns {shown(stated)}, but must return {expected}")
     if len(stated) != len(walker.shape):
-        words = f"{len(stated)} coordinates, but shape has {len(walker.shape)}"
-        raise ProblemError(f"{walker.__name__}: {method} gives {words}")
+        counts = f"{len(stated)} coordinates, but shape has {len(walker.shape)}"
+        raise ProblemError(f"{walker.__name__}: {method} gives {counts}")
     names = zip(walker.shape, stated, strict=True)
     return vertcat(*(read.scalar(f"{name} of {method}", value, "all") for name, value in names))
 
@@ -383,13 +383,13 @@ def _checked_switch(
 
 
 def _checked_motor(walker: type[Walker], read: Reader, what: str, name: str, angle: Any) -> SX:
-    """The angle or length of a motor; an external motor's force must not depend on the place along the ground."""
+    """The angle or length of a motor; an external motor's force must not depend on the position along the ground."""
     if name not in walker.external:
         return read.scalar(what, angle, "motor")
     moved = read.scalar(what, angle, "all")
     if depends_on(jacobian(moved, vertcat(read.shape, read.height, read.along)), read.along):
-        words = "must depend on x with a constant factor: the place on the ground makes no difference to the motion"
-        raise ProblemError(f"{walker.__name__}: {what} {words}")
+        rule = "must depend on x with a constant factor: the place on the ground makes no difference to the motion"
+        raise ProblemError(f"{walker.__name__}: {what} {rule}")
     return moved
 
 
@@ -398,8 +398,8 @@ def _checked_contact(walker: type[Walker], read: Reader, name: str, contact: Con
     what = f"Mechanism.contacts[{name!r}]"
     for key in contact.places:
         if key not in walker.shape:
-            words = f"{what}.places names {shown(key)}, which is not a shape coordinate"
-            raise ProblemError(f"{walker.__name__}: {words}")
+            reason = f"{what}.places names {shown(key)}, which is not a shape coordinate"
+            raise ProblemError(f"{walker.__name__}: {reason}")
     return Contact(
         position=read.vector(f"{what}.position", contact.position, 2, "all"),
         counts=read.scalar(f"{what}.counts", contact.counts, "height"),
@@ -413,8 +413,8 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
     for name, kind in (("bodies", Body), ("dampers", Damper), ("motors", object)):
         value: Any = getattr(mechanism, name)
         if not is_list(value, kind):
-            words = "angles" if kind is object else f"{kind.__name__}(...)"
-            yield f"Mechanism.{name} is {shown(value)}, but must be a tuple of {words}"
+            entries = "angles" if kind is object else f"{kind.__name__}(...)"
+            yield f"Mechanism.{name} is {shown(value)}, but must be a tuple of {entries}"
     for name in ("stops", "switches", "phases", "potential_while", "contacts", "sections"):
         value = getattr(mechanism, name)
         if not isinstance(value, Mapping):
@@ -432,8 +432,8 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
     for entry, margins in (("switches", mechanism.switches), ("sections", mechanism.sections)):
         for name, margin in margins.items():
             if not callable(margin):
-                words = f"{shown(margin)}, but must be a function of the rates, lambda dq: ..."
-                yield f"Mechanism.{entry}[{name!r}] is {words}"
+                rule = "must be a function of the rates, lambda dq: ..."
+                yield f"Mechanism.{entry}[{name!r}] is {shown(margin)}, but {rule}"
     states = ["contact", *walker.contacts, *(f"{stop} {state}" for stop in walker.stops for state in STOP_STATES)]
     states += [f"{switch} {state}" for switch in walker.switches for state in SWITCH_STATES]
     for name in mechanism.potential_while:
@@ -526,15 +526,15 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
     if columns:
         yield f"shape names {', '.join(sorted(columns))}, which is another column of the table of a motion: rename it"
     yield from _motor_faults(walker, names)
-    for part in ("section", "section_rates", "posture", "lengths", "tracked"):
-        named = _section_of(walker) if part == "section" else getattr(walker, part)
-        foreign = {*(named or ())} - {*walker.shape, *(walker.actuators if part == "tracked" else ())}
+    for attribute in ("section", "section_rates", "posture", "lengths", "tracked"):
+        named = _section_of(walker) if attribute == "section" else getattr(walker, attribute)
+        foreign = {*(named or ())} - {*walker.shape, *(walker.actuators if attribute == "tracked" else ())}
         if foreign:
-            yield f"{', '.join(sorted(foreign))} is not a shape coordinate, but {part} names it"
-    for part in ("open_in_impact", "closing_stops"):
-        if {*getattr(walker, part)} - {*walker.stops}:
-            unknown = ", ".join(sorted({*getattr(walker, part)} - {*walker.stops}))
-            yield f"{part} names {unknown}, which is not a stop"
+            yield f"{', '.join(sorted(foreign))} is not a shape coordinate, but {attribute} names it"
+    for attribute in ("open_in_impact", "closing_stops"):
+        if {*getattr(walker, attribute)} - {*walker.stops}:
+            unknown = ", ".join(sorted({*getattr(walker, attribute)} - {*walker.stops}))
+            yield f"{attribute} names {unknown}, which is not a stop"
     if "clock" in walker.phases:
         yield "phases names clock, which means the time since the impact: rename it"
     taken = {*walker.phases} & {*names}
@@ -547,8 +547,8 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
     yield from _contact_faults(walker) if walker.contacts else ()
     taken = ({*devices, *walker.actuators} & {*RESERVED}) | ({*devices} & {*MARGIN_NAMES})
     if taken:
-        words = "has another meaning in problem files: rename the stop, switch, section or actuator"
-        yield f"{', '.join(sorted(taken))} {words}"
+        conflict = "has another meaning in problem files: rename the stop, switch, section or actuator"
+        yield f"{', '.join(sorted(taken))} {conflict}"
 
 
 def _contact_faults(walker: type[Walker]) -> Iterator[str]:
@@ -560,8 +560,8 @@ def _contact_faults(walker: type[Walker]) -> Iterator[str]:
         yield "exchanged names legs that swap places, but nothing lands that ends a step: name it in landing_contacts"
     pushes, able = walker.pushes, [name for name in walker.contacts if name not in walker.massless_contacts]
     if pushes is not False and (not isinstance(pushes, tuple) or doubles(pushes) or {*pushes} - {*able}):
-        words = f"a tuple of those contacts with a mass that push off; possible: {', '.join(able) or 'none'}"
-        yield f"pushes is {shown(pushes)}, but must be {words}"
+        expected = f"a tuple of those contacts with a mass that push off; possible: {', '.join(able) or 'none'}"
+        yield f"pushes is {shown(pushes)}, but must be {expected}"
 
 
 def _motor_faults(walker: type[Walker], names: tuple[str, ...]) -> Iterator[str]:

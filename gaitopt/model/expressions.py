@@ -76,19 +76,19 @@ class Expressions:
 
     def torque(self, mode: Mode) -> SX:
         """Actuator torques in a mode, shape (n_u,); most laws do not depend on it."""
-        held = mode.held
-        for key in (("any", None), ("held", held), ("actual", mode)):
+        sticking = mode.held
+        for key in (("any", None), ("sticking", sticking), ("actual", mode)):
             if key in self._torques:
                 return self._torques[key]
         uses = "any"
 
         def accelerations(actual: bool) -> tuple[SX, SX]:
             nonlocal uses
-            uses = "actual" if actual or uses == "actual" else "held"
+            uses = "actual" if actual or uses == "actual" else "sticking"
             return self._accelerations(mode, actual)
 
         torque = BUILT.watch(torques(self._control, self._instant(accelerations), self.p))
-        self._torques[uses, {"any": None, "held": held, "actual": mode}[uses]] = torque
+        self._torques[uses, {"any": None, "sticking": sticking, "actual": mode}[uses]] = torque
         return torque
 
     def quantities(self, mode: Mode) -> dict[str, SX]:
@@ -103,28 +103,28 @@ class Expressions:
 
     @cached_property
     def law(self) -> tuple[SX, SX, SX]:
-        """Torques as a function of accelerations, and their symbols: those with the contacts held, and the actual ones.
+        """Torques as a function of accelerations, and their symbols: those with the contacts sticking, and the actual.
 
         Each is a column: the shape accelerations without torques, then their derivative by each torque.
         """
         n, u = len(self.walker.shape), len(self.walker.actuators)
-        held, actual = SX.sym("held", n * (1 + u)), SX.sym("actual", n * (1 + u))
+        sticking, actual = SX.sym("sticking", n * (1 + u)), SX.sym("actual", n * (1 + u))
 
         def accelerations(is_actual: bool) -> tuple[SX, SX]:
-            values = reshape(actual if is_actual else held, n, 1 + u)
+            values = reshape(actual if is_actual else sticking, n, 1 + u)
             return values[:, 0], values[:, 1:]
 
-        torque = torques(self._control, self._instant(accelerations), vertcat(self.p, held, actual))
-        return BUILT.watch((torque, held, actual))
+        torque = torques(self._control, self._instant(accelerations), vertcat(self.p, sticking, actual))
+        return BUILT.watch((torque, sticking, actual))
 
     @property
     def law_uses(self) -> tuple[bool, bool]:
-        """Whether the torques depend on the accelerations with the contacts held, and on the actual ones."""
-        torque, held, actual = self.law
-        return depends_on(torque, held), depends_on(torque, actual)
+        """Whether the torques depend on the accelerations with the contacts sticking, and on the actual ones."""
+        torque, sticking, actual = self.law
+        return depends_on(torque, sticking), depends_on(torque, actual)
 
     def _accelerations(self, mode: Mode, actual: bool) -> tuple[SX, SX]:
-        """Shape accelerations without torques, and derivatives by torques, in a mode or with all contacts held."""
+        """Shape accelerations without torques, and derivatives by torques, in a mode or with all contacts sticking."""
         u, first = SX.sym("u", len(self.walker.actuators)), len(self.walker.coordinates())
         dz = self._driven(mode if actual else mode.held, u).dz
         ddq = dz[first : first + len(self.walker.shape)]
@@ -176,7 +176,7 @@ class Expressions:
         return sum((energy for state, energy in energies if mode.has(state)), SX(0))
 
     def momentum(self, mode: Mode) -> dict[str, SX]:
-        """Terms of d(M dq)/dt = E u - weight - rest for the shape, while the foot is held."""
+        """Terms of d(M dq)/dt = E u - weight - rest for the shape, while the foot sticks."""
         n, eom = len(self.walker.shape), self.eom
         weight, momentum = eom.gravity_force(eom.mechanism.gravity)[:n], eom.M[:n, :n] @ eom.dq[:n]
         forces = (eom.B + eom.G + eom.force_of(self.potential_of(mode)))[:n]
@@ -406,14 +406,14 @@ class Expressions:
         J = vertcat(*(contact.J for contact in contacts), *eom.gaps.values())
         convective = vertcat(*(contact.convective for contact in contacts), SX.zeros(len(eom.gaps)))
         springs = [-eom.force_of(energy) for energy in eom.mechanism.potential_while.values()]
-        parts = (eom.M, -eom.B - eom.G, eom.E, horzcat(SX(eom.q.numel(), 0), *springs), J, convective)
-        return BUILT.watch(vertcat(*(vec(densify(part.T)) for part in parts)))  # rows one after the other
+        matrices = (eom.M, -eom.B - eom.G, eom.E, horzcat(SX(eom.q.numel(), 0), *springs), J, convective)
+        return BUILT.watch(vertcat(*(vec(densify(matrix.T)) for matrix in matrices)))  # rows one after the other
 
     @property
     def mechanics_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of the parts of ``mechanics``.
+        """Shapes of the matrices of ``mechanics``.
 
-        The parts are M; the generalised forces without those of motors and contacts; E; the forces of the springs that
+        They are M; the generalised forces without those of motors and contacts; E; the forces of the springs that
         act in some modes, with a column for each entry of ``Mechanism.potential_while``; J with the rows t and n of
         each contact and one row of each stop; and dJ dq.
         """

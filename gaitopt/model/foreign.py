@@ -26,7 +26,7 @@ FOOT_COORDINATES = ("x", "y")
 KINDS: Any = (SX, DM, int, float, np.number, np.ndarray)
 """Types that a method may return for an expression."""
 MODEL = re.compile(r"\w[\w.-]*")
-"""The words by which problem files name walkers and control laws."""
+"""The names by which problem files call walkers and control laws."""
 _PASSED: WeakSet[type] = WeakSet()
 """Classes that have passed ``check_declared``; every point of a branch builds a problem of the same classes."""
 
@@ -135,9 +135,9 @@ class Reader:
         if expression.shape != (size, 1):
             rows, columns = expression.shape
             raise ProblemError(f"{name}: {what} has shape ({rows}, {columns}), but must be {form}")
-        words, forbidden = self._forbidden[of]
+        allowed, forbidden = self._forbidden[of]
         if forbidden.numel() and depends_on(expression, forbidden):
-            raise ProblemError(f"{name}: {what} must be a function of {words}")
+            raise ProblemError(f"{name}: {what} must be a function of {allowed}")
         return expression
 
     def expression(self, what: str, value: Any, form: str = "an expression") -> SX:
@@ -150,8 +150,8 @@ class Reader:
             expression = SX(value)
         foreign = Function("foreign", [self.symbols], [expression], {"allow_free": True}).free_sx()
         if foreign:
-            words = ", ".join(str(symbol) for symbol in foreign)
-            raise ProblemError(f"{name}: {what} contains {words}, which is not a symbol that was passed to the method")
+            names = ", ".join(str(symbol) for symbol in foreign)
+            raise ProblemError(f"{name}: {what} contains {names}, which is not a symbol that was passed to the method")
         return expression
 
 

@@ -301,8 +301,8 @@ def inertia(bodies: Iterable[Body], q: SX, dq: SX) -> tuple[SX, SX, SX]:
     """Mass matrix, velocity terms and kinetic energy: sums over the positions and angles of the bodies."""
     M, B, kinetic = SX.zeros(q.numel(), q.numel()), SX.zeros(q.numel()), SX(0)
     for body in bodies:
-        for mass, place in ((body.mass, body.position), (body.inertia, SX(body.angle))):
-            J = jacobian(place, q)
+        for mass, coordinate in ((body.mass, body.position), (body.inertia, SX(body.angle))):
+            J = jacobian(coordinate, q)
             rate = J @ dq
             M += mass * (J.T @ J)
             B += mass * (J.T @ jtimes(rate, q, dq))

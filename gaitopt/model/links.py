@@ -87,7 +87,7 @@ class Tree:
                         entry, position = self._entry[link.name]
                         self._entry[other.name] = entry + there - here, position
                     else:
-                        self._entry[other.name] = there, self.place(link, here)
+                        self._entry[other.name] = there, self.position(link, here)
                     before[other.name] = link
                     visited.append(other)
         path = [self.swing]
@@ -97,7 +97,7 @@ class Tree:
         ends = [*(_joint(one, other)[0] for one, other in pairwise(path)), _column(self.swing.tip)]
         self.path = list(zip(path, starts, ends, strict=True))
 
-    def place(self, link: Link, point: Any) -> SX:
+    def position(self, link: Link, point: Any) -> SX:
         """Position of a point that is given in a link's frame, shape (2,) [m]."""
         entry, position = self._entry[link.name]
         x, y = (_column(point) - entry)[0], (_column(point) - entry)[1]
@@ -106,13 +106,13 @@ class Tree:
     @property
     def contact(self) -> SX:
         """The lowest point of the stance foot, shape (2,) [m]."""
-        return self.place(self.stance, self.stance.tip) - vertcat(0, self.stance.foot_radius)
+        return self.position(self.stance, self.stance.tip) - vertcat(0, self.stance.foot_radius)
 
     @property
     def swing_foot(self) -> SX:
         """Coordinates of the swing foot, defined like those of the stance foot."""
         R = SX(self.swing.foot_radius)
-        return self.place(self.swing, self.swing.tip) - vertcat(R * self.swing.angle, R)
+        return self.position(self.swing, self.swing.tip) - vertcat(R * self.swing.angle, R)
 
     def bodies(self) -> tuple[Body, ...]:
         """The links that have inertia, and the rotors, which turn with the angles of their joints.
@@ -121,7 +121,7 @@ class Tree:
         """
         bodies = list[Body]()
         for link in self.links:
-            mass, inertia, com = SX(link.mass), SX(link.inertia), self.place(link, link.com)
+            mass, inertia, com = SX(link.mass), SX(link.inertia), self.position(link, link.com)
             if not inertia.is_zero():
                 bodies.append(Body(mass=link.mass, position=com, inertia=link.inertia, angle=link.angle))
             elif not mass.is_zero():
@@ -135,7 +135,7 @@ class Tree:
         return (
             *bodies,
             *(
-                Body(mass=0.0, position=self.place(k, ORIGIN), inertia=k.rotor_inertia, angle=self.joints[k.joint])
+                Body(mass=0.0, position=self.position(k, ORIGIN), inertia=k.rotor_inertia, angle=self.joints[k.joint])
                 for k in geared
             ),
         )
@@ -166,7 +166,7 @@ class Tree:
 
     def lines(self) -> tuple[tuple[SX, ...], ...]:
         """Lines that draw the walker: from every joint to the tip of its link, and to the joints that it carries."""
-        return tuple((self.place(link, ORIGIN), self.place(link, end)) for link, end in self._drawn())
+        return tuple((self.position(link, ORIGIN), self.position(link, end)) for link, end in self._drawn())
 
     def sides(self) -> tuple[int | None, ...]:
         """The leg to which every line belongs: 0 for the stance leg, 1 for the swing leg, None for neither."""
@@ -239,9 +239,9 @@ def tree_mechanism(walker: type[Jointed], tree: Tree, q: SimpleNamespace, p: Sim
     middle, start, end = tree.path[len(tree.path) // 2]
     squares = [sumsqr(end - start) for _, start, end in tree.path if not (end - start).is_zero()]
     leg = sqrt(len(squares) * sum(squares)) / 2  # the root of a single square, |l|, has a kink, which no proof covers
-    high, tilt = tree.place(middle, start)[1] / leg, SX(1)
+    high, tilt = tree.position(middle, start)[1] / leg, SX(1)
     if len(tree.path) % 2:
-        high, tilt = (tree.place(middle, start)[1] + tree.place(middle, end)[1]) / (2 * leg), cos(middle.angle)
+        high, tilt = (tree.position(middle, start)[1] + tree.position(middle, end)[1]) / (2 * leg), cos(middle.angle)
     swing_foot = tree.swing_foot
     (first, entry, leave), (last, enter, tip) = tree.path[0], tree.path[-1]
     between = [link for link, start, end in tree.path[1:-1] if not (start - end).is_zero()]

@@ -95,21 +95,21 @@ class Mode(str):
             their states.
         """
         if text not in _MODES:
-            first, *others = parts = text.split(", ")
-            named = [part.partition(": ") for part in parts if ": " in part]
-            stops = parts[len(named) :] if named else others
+            first, *others = entries = text.split(", ")
+            named = [entry.partition(": ") for entry in entries if ": " in entry]
+            stops = entries[len(named) :] if named else others
             contacts = {name: word for name, _, word in named}
             is_unique, swaps = len(contacts) == len(named), contacts.get(FEET) == SWAPPED
             if swaps:
                 del contacts[FEET]
-            words, states = NAMED if named else _DIRECTIONS, dict(stop.rpartition(" ")[::2] for stop in stops)
-            strange = any(word not in words for word in contacts.values() or [first])
+            allowed, states = NAMED if named else _DIRECTIONS, dict(stop.rpartition(" ")[::2] for stop in stops)
+            strange = any(word not in allowed for word in contacts.values() or [first])
             if strange or any(state not in STATES for state in states.values()) or not is_unique:
-                what = f"a contact can {', '.join(words)}" if named else f"a foot can {', '.join(words)}"
+                what = f"a contact can {', '.join(allowed)}" if named else f"a foot can {', '.join(allowed)}"
                 raise ValueError(f"{text!r} is not a mode: {what}")
             mode = super().__new__(cls, text)
-            of_contacts = [part for part in parts[: len(parts) - len(stops)] if part != f"{FEET}: {SWAPPED}"]
-            mode.contact = Mode(", ".join(of_contacts)) if len(of_contacts) < len(parts) else mode
+            of_contacts = [entry for entry in entries[: len(entries) - len(stops)] if entry != f"{FEET}: {SWAPPED}"]
+            mode.contact = Mode(", ".join(of_contacts)) if len(of_contacts) < len(entries) else mode
             mode.contacts = contacts or {FOOT: OFF if first == _FLIGHT else first, SWING_FOOT: OFF}
             mode.touching = tuple(name for name, word in mode.contacts.items() if word != OFF)
             mode.directions = {name: NAMED[word] for name, word in mode.contacts.items()}
@@ -178,10 +178,10 @@ class Mode(str):
     def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
         """The schema of all forms of a mode in a problem file."""
         word = {"type": "string", "enum": list(_DIRECTIONS)}
-        words = "what contacts do just after an impact at the start of the phase, where that differs"
+        description = "what contacts do just after an impact at the start of the phase, where that differs"
         touching = {
             "type": "object",
-            "description": words,
+            "description": description,
             "properties": {FEET: {"type": "string", "enum": [SWAPPED, *_AFTER_IMPACT]}},
             "additionalProperties": {"type": "string", "enum": [*_AFTER_IMPACT]},
         }
@@ -265,7 +265,7 @@ class Mode(str):
         return Mode.of(self, {**self.stops, name: NEXT_STATE[self.stops[name]]})
 
     def has(self, state: str) -> bool:
-        """Whether a state is part of the mode.
+        """Whether the mode contains a state.
 
         Parameters
         ----------

@@ -126,9 +126,9 @@ class OpenLoop(Control):
             yield ("rates",), "limits the rate of torques that jump: write order: linear, or leave rates out"
         for name, (lower, upper) in self.bounds.items():
             if lower >= upper:
-                words = f"[{lower:g}, {upper:g}] is empty: the lower bound comes first"
-                words += f"; did you mean [{-abs(upper):g}, {abs(upper):g}]?" if lower == -upper != 0 else ""
-                yield ("bounds", name), words
+                message = f"[{lower:g}, {upper:g}] is empty: the lower bound comes first"
+                message += f"; did you mean [{-abs(upper):g}, {abs(upper):g}]?" if lower == -upper != 0 else ""
+                yield ("bounds", name), message
         spans = self.spans(walker)
         for name, row in self.values.items():
             lower, upper = spans.get(name, (-np.inf, np.inf))
@@ -136,10 +136,10 @@ class OpenLoop(Control):
                 intervals = counted(self.intervals, f"{self.order} interval")
                 yield (name,), f"has {counted(len(row), 'value')}, must have {self.count} for {intervals}"
             if lower < upper and not lower <= 0 <= upper and not any(row):
-                words = f"[{lower:g}, {upper:g}] excludes zero, the first guess of the torque of {name}"
+                reason = f"[{lower:g}, {upper:g}] excludes zero, the first guess of the torque of {name}"
                 yield (
                     ("bounds", name),
-                    f"{words}; did you mean [{-abs(upper):g}, {abs(upper):g}]? Else give {name}: [...]",
+                    f"{reason}; did you mean [{-abs(upper):g}, {abs(upper):g}]? Else give {name}: [...]",
                 )
                 continue
             for k, value in enumerate(row):
@@ -198,9 +198,9 @@ def _section(walker: WalkerType) -> SectionType:
         name: (entry.annotation if not entry.metadata else Annotated[(entry.annotation, *entry.metadata)], entry)
         for name, entry in OpenLoop.model_fields.items()
     }
-    words = "values of the {} of the {} [{}]: a first guess, or with a duration the known values; zero if left out"
+    template = "values of the {} of the {} [{}]: a first guess, or with a duration the known values; zero if left out"
     for name, unit in actuator_units(walker).items():
-        described = Field(description=words.format(MOTOR_WORDS[unit], name.replace("_", " "), unit))
+        described = Field(description=template.format(MOTOR_WORDS[unit], name.replace("_", " "), unit))
         fields[name] = (Annotated[tuple[Finite, ...] | None, described, OF_MOTOR[unit]], None)
     return create_model(
         "OpenLoopSection", __config__=ConfigDict(frozen=True, extra="forbid"), __doc__=OpenLoop.__doc__, **fields

@@ -165,6 +165,6 @@ def _load(kind: Kind, point: EntryPoint) -> Any:
         raise ProblemError(f"the plugin {point.value}: {error}") from error
     stated = getattr(loaded, kind.attribute)
     if stated != point.name:
-        words = f"has the {kind.attribute} {stated!r}, but its entry point is called {point.name!r}"
-        raise ProblemError(f"the plugin {point.value} {words}")
+        mismatch = f"has the {kind.attribute} {stated!r}, but its entry point is called {point.name!r}"
+        raise ProblemError(f"the plugin {point.value} {mismatch}")
     return loaded

@@ -254,7 +254,7 @@ class StepFeedback(BaseModel):
             yield (), "give either gains: {control.hip: {theta1: 0.1}} or a design: lqr, deadbeat or minimum_radius"
         for (key, name), value in _entries(self.gains or {}):
             if isinstance(value, Free):
-                yield from ((("gains", *key.split("."), name, *place), words) for place, words in value.faults())
+                yield from ((("gains", *key.split("."), name, *keys), message) for keys, message in value.faults())
         if self.corrects is not None and self.design is None:
             yield ("corrects",), "names the parameters of a design; with gains leave it out"
         if self.corrects == ():

@@ -56,15 +56,15 @@ def compiled(
     """
 
     def decorated(expressions: Method[Arguments, dict[str, SX]]) -> Method[Arguments, Function]:
-        place = [*signature(expressions).parameters].index("before") - 1 if before is not None else None
+        position = [*signature(expressions).parameters].index("before") - 1 if before is not None else None
         defaults = expressions.__kwdefaults__ or {}
 
         @wraps(expressions)
         def function(system: "HybridSystem", /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Function:
             positional: list[Any] = [*args]
             named = cast(dict[str, Any], {**defaults, **kwargs})
-            if before is not None and place is not None:
-                positional[place] = before(system, positional[place])
+            if before is not None and position is not None:
+                positional[position] = before(system, positional[position])
             key = (expressions.__name__, *positional, *named.values())
             if key not in system._functions:
                 system._compile(key, inputs, lambda: expressions(system, *positional, **named))
@@ -302,7 +302,7 @@ class HybridSystem:
 
     @compiled("tzpr")
     def momentum(self, mode: Mode) -> dict[str, SX]:
-        """(t, z, p, r) -> terms of d(M dq)/dt = E u - weight - rest for the shape, while the foot is held.
+        """(t, z, p, r) -> terms of d(M dq)/dt = E u - weight - rest for the shape, while the foot sticks.
 
         M dq, weight and rest have the shape (n_shape,), E has (n_shape, n_u). The rest is the force of springs and
         dampers, less the derivative of the kinetic energy by the shape.
@@ -397,25 +397,25 @@ class HybridSystem:
     @property
     @building
     def law_uses(self) -> tuple[bool, bool]:
-        """Whether the torques depend on the accelerations with the contacts held, and on the actual ones."""
+        """Whether the torques depend on the accelerations with the contacts sticking, and on the actual ones."""
         return self._symbols.law_uses
 
     @property
     @compiled("tzhapr")
     def law_torques(self) -> dict[str, SX]:
-        """(t, z, held, actual, p, r) -> torques from accelerations that the law may use; see ``Expressions``."""
-        torque, held, actual = self._symbols.law
-        return {"h": held, "a": actual, "torque": torque}
+        """(t, z, sticking, actual, p, r) -> torques from accelerations that the law may use; see ``Expressions``."""
+        torque, sticking, actual = self._symbols.law
+        return {"h": sticking, "a": actual, "torque": torque}
 
     @property
     @compiled("tzhadpr")
     def law_torques_rate(self) -> dict[str, SX]:
-        """(t, z, held, actual, rates of z, held and actual, p, r) -> rate of ``law_torques``."""
-        torque, held, actual = self._symbols.law
-        arguments = vertcat(self._symbols.z, held, actual)
+        """(t, z, sticking, actual, rates of z, sticking and actual, p, r) -> rate of ``law_torques``."""
+        torque, sticking, actual = self._symbols.law
+        arguments = vertcat(self._symbols.z, sticking, actual)
         rates = SX.sym("rates", arguments.numel())
         rate = jtimes(torque, arguments, rates) + jacobian(torque, self._symbols.t)
-        return {"h": held, "a": actual, "d": rates, "rate": rate}
+        return {"h": sticking, "a": actual, "d": rates, "rate": rate}
 
     @property
     @compiled("zp")

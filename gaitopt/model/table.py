@@ -101,8 +101,8 @@ def _columns(table: Table) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]
         raise ValueError(f"{table.file}:{first}: {header[:60]!r} does not name the columns: it must have {form}")
     names, units = zip(*(head.groups() for head in heads if head), strict=True)
     if len({*names}) < len(names) or len(names) < 2:
-        words = "two columns have one name" if len(names) > 1 else "one column is not enough"
-        raise ValueError(f"{table.file}:{first}: {words}: it must have {form}")
+        reason = "two columns have one name" if len(names) > 1 else "one column is not enough"
+        raise ValueError(f"{table.file}:{first}: {reason}: it must have {form}")
     if not 2 <= len(rows) <= MOST_ROWS:
         number = counted(len(rows), "row of numbers", "rows of numbers")
         raise ValueError(f"{table.file} has {number}, must have from 2 to {MOST_ROWS}")
@@ -121,17 +121,17 @@ def _columns(table: Table) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]
             except ValueError:
                 raise ValueError(f"{table.file}:{k}: {cell.strip()[:40]!r} is not a number") from None
             if not (isfinite(numbers[n, column]) and abs(numbers[n, column]) <= LARGEST_POINT):
-                words = f"is not a finite number of at most {LARGEST_POINT} in size"
-                raise ValueError(f"{table.file}:{k}: {names[column]} = {cell.strip()} {words}")
+                reason = f"is not a finite number of at most {LARGEST_POINT} in size"
+                raise ValueError(f"{table.file}:{k}: {names[column]} = {cell.strip()} {reason}")
     numbers[:, [unit == "deg" for unit in units]] *= radians(1)
     steps = np.diff(numbers[:, 0]) * np.sign(numbers[-1, 0] - numbers[0, 0])
     wrong = np.flatnonzero(~(steps > SMALLEST_STEP * abs(numbers[-1, 0] - numbers[0, 0])))
     if wrong.size:
         k = int(wrong[0])
-        words = (
+        order = (
             f"{numbers[k + 1, 0]:g} after {numbers[k, 0]:g}; it must increase from row to row, or decrease throughout"
         )
-        raise ValueError(f"{table.file}:{rows[k + 1][0]}: {names[0]} = {words}")
+        raise ValueError(f"{table.file}:{rows[k + 1][0]}: {names[0]} = {order}")
     return (
         {name: numbers[:, k] for k, name in enumerate(names)},
         dict(zip(names, map(tuple, zip(*decimals, strict=True)), strict=True)),

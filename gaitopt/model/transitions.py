@@ -631,7 +631,7 @@ class Transitions:
             return True
         return ends and name in self.ending(cycle, phase).zeros
 
-    def held(self, mode: Mode, contact: str) -> tuple[Mode, str]:
+    def sticking(self, mode: Mode, contact: str) -> tuple[Mode, str]:
         """The mode in which a slipping contact sticks instead, and its margin there that is negative if it must slip.
 
         The margin may be that of a group to which the contact then belongs.
@@ -691,8 +691,8 @@ class Transitions:
             touching = mode.touching if reset is None else reset.touching
             foreign = [name for name in following.touching if name not in touching]
             if foreign:
-                words = "in the impact before it" if reset is not None else f"in {mode.brief}"
-                raise ValueError(f"{foreign[0]} touches the ground in {following.brief}, but not {words}")
+                where = "in the impact before it" if reset is not None else f"in {mode.brief}"
+                raise ValueError(f"{foreign[0]} touches the ground in {following.brief}, but not {where}")
         self._checked.add(cycle)  # a problem is read again at every ``replace``
 
     def may_land(self, mode: Mode) -> bool:
@@ -704,17 +704,18 @@ class Transitions:
         model, alone, massless = self.walker.model, self.walker.stands_on_one(), self.walker.placed_contacts()
         for mode in (*step.phases, step.impact, *(mode for _, mode in step.landings)):
             if mode.contact not in self._states:
-                words = f"{', '.join(massless)} cannot slip" if massless else "it is not a state of its contacts"
-                words = f"mode {mode.brief}: {words}"
-                words = f"{mode.contact}; its foot can {', '.join(self.walker.foot_modes())}" if alone else words
-                raise ValueError(f"the {model} has no {words}")
+                if alone:
+                    allowed = ", ".join(self.walker.foot_modes())
+                    raise ValueError(f"the {model} has no {mode.contact}; its foot can {allowed}")
+                reason = f"{', '.join(massless)} cannot slip" if massless else "it is not a state of its contacts"
+                raise ValueError(f"the {model} has no mode {mode.brief}: {reason}")
         for mode in step.phases:
             if [*mode.stops] != [*start] or any(mode.stops[k] not in (v, NEXT_STATE[v]) for k, v in start.items()):
                 stated = "{" + ", ".join(f"{name}: {mode.contacts[name]}" for name in mode.touching) + "}"
                 stated = stated if mode.is_named else str(mode.contact)
                 form = "{" + ", ".join([f"mode: {stated}", *(f"{k}: {v}" for k, v in start.items())]) + "}"
-                words = form if start else stated
-                raise ValueError(f"{mode.brief} does not fit the stops of the {model}: write {words}")
+                remedy = form if start else stated
+                raise ValueError(f"{mode.brief} does not fit the stops of the {model}: write {remedy}")
         if alone and self.cycle_end == TOUCHDOWN and not step.impact.touching:
             raise ValueError("after an impact the foot is on the ground: stick, slip_forward or slip_backward")
         if step.impact.stops:

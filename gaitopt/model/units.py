@@ -205,11 +205,11 @@ class Free(BaseModel, Generic[Value]):
 
     def faults(self: "Free[float]") -> Iterator[tuple[tuple[str, ...], str]]:
         """Keys whose values contradict each other, with a message for each."""
-        words = f"[{self.lower:g}, {self.upper:g}]"
+        span = f"[{self.lower:g}, {self.upper:g}]"
         if not self.lower < self.upper:
-            yield ("free",), f"is empty: {words} needs lo < hi; for a fixed value, give a number"
+            yield ("free",), f"is empty: {span} needs lo < hi; for a fixed value, give a number"
         elif not self.lower <= self.guess <= self.upper:
-            yield ("guess",), f"{self.guess:g} is outside of its bounds {words}"
+            yield ("guess",), f"{self.guess:g} is outside of its bounds {span}"
 
 
 def is_free(value: object) -> bool:
@@ -231,9 +231,9 @@ def number_or_free(number: TypeAdapter[float], free: TypeAdapter[Free[float]]) -
 
 def words_and_unit(description: str) -> tuple[str, str]:
     """The text and the unit of a description: ``radius; 0 is a point`` and ``m`` for ``radius [m]; 0 is a point``."""
-    words, _, rest = description.partition(" [")
+    text, _, rest = description.partition(" [")
     unit, _, more = rest.partition("]")
-    return words + more, unit
+    return text + more, unit
 
 
 def symmetric(size: float) -> Interval:
@@ -252,14 +252,14 @@ def _range_text(span: Interval, unit: str) -> str:
     return f"from {lowest} to {highest}"
 
 
-def shorter(part: str, whole: str) -> Any:
-    """A validator for the body of a walker's class: the distance ``part`` of a mass must be less than ``whole`` [m]."""
+def shorter(distance: str, length: str) -> Any:
+    """A validator for the body of a walker's class: the ``distance`` of a mass must be less than the ``length`` [m]."""
 
     def check(model: Checked) -> Checked:
-        length, limit = getattr(model, part), getattr(model, whole)
-        if length >= limit:
+        value, limit = getattr(model, distance), getattr(model, length)
+        if value >= limit:
             raise ValueError(
-                f"{part} = {length:g} m must be less than {whole} = {limit:g} m: "
+                f"{distance} = {value:g} m must be less than {length} = {limit:g} m: "
                 "a mass at or beyond the hip leaves the swing leg without inertia or turns it over"
             )
         return model

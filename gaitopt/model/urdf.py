@@ -115,7 +115,7 @@ class UrdfWalker(Walker):
         """The mechanism of the links; the phase is the lean of the line from the stance foot to the hip."""
         plain, tree = super().mechanism(q, p), Tree(state_tree(cls, q, p).links, SX.zeros(2))
         hip, entry, _ = tree.path[len(tree.path) // 2]
-        line = tree.place(hip, entry) - tree.place(tree.stance, tree.stance.tip)
+        line = tree.position(hip, entry) - tree.position(tree.stance, tree.stance.tip)
         return replace(plain, phases={name: atan2(line[0], line[1]) for name in cls.phases})
 
     @classmethod
@@ -269,14 +269,14 @@ class _Reader:
                 ends[tag] = name
             if ends["child"] in carrier:
                 other = carrier[ends["child"]].attributes["name"]
-                words = f"link {ends['child']} is also the child of joint {other}; only trees can be read"
-                self.refuse(joint, f"closes a loop: {words}")
+                reason = f"link {ends['child']} is also the child of joint {other}; only trees can be read"
+                self.refuse(joint, f"closes a loop: {reason}")
             carrier[ends["child"]] = joint
             joint.attributes |= {"from": ends["parent"], "to": ends["child"]}
         roots = [name for name in self._links if name not in carrier]
         if len(roots) != 1:
-            words = f"links {', '.join(roots)} belong to no joint" if roots else "the joints form a loop"
-            self.refuse(self._links[roots[1]] if roots else self.robot, f"is not one tree: {words}")
+            reason = f"links {', '.join(roots)} belong to no joint" if roots else "the joints form a loop"
+            self.refuse(self._links[roots[1]] if roots else self.robot, f"is not one tree: {reason}")
         order: list[tuple[str, Element | None]] = [(roots[0], None)]
         for name, _ in order:
             order += [(j.attributes["to"], j) for j in self._joints.values() if j.attributes["from"] == name]
@@ -309,8 +309,8 @@ class _Reader:
             poses[name] = R @ turn, t + R @ shift
             kind = joint.attributes.get("type", "")
             if kind not in ("revolute", "continuous", "fixed"):
-                words = "a planar walker has revolute, continuous and fixed joints" if kind else "it has no type"
-                self.refuse(joint, f"is {kind or 'incomplete'}: {words}")
+                reason = "a planar walker has revolute, continuous and fixed joints" if kind else "it has no type"
+                self.refuse(joint, f"is {kind or 'incomplete'}: {reason}")
             mimic, dynamics = joint.find("mimic"), joint.find("dynamics")
             if mimic is not None:
                 self.refuse(joint, "mimics another joint, which is not modelled: remove it, or fix it")
@@ -325,13 +325,13 @@ class _Reader:
             if not first:
                 normal, first = axis, name
             elif np.linalg.norm(np.cross(axis, normal)) > PARALLEL:
-                words = f"its axis {_vector(axis)} is not parallel to {_vector(normal)}, that of {first}"
-                self.refuse(joint, f"is not planar: {words}; fix the joint, or take it out")
+                difference = f"its axis {_vector(axis)} is not parallel to {_vector(normal)}, that of {first}"
+                self.refuse(joint, f"is not planar: {difference}; fix the joint, or take it out")
         if not first:
             self.refuse(self.robot, "has no joint that moves")
         if abs(normal[2]) > PARALLEL:
-            words = f"the axes {_vector(normal)} are not horizontal (z is up), so it does not walk in a vertical plane"
-            self.refuse(self._joints[first], f"is not planar: {words}")
+            reason = f"the axes {_vector(normal)} are not horizontal (z is up), so it does not walk in a vertical plane"
+            self.refuse(self._joints[first], f"is not planar: {reason}")
         forward = np.cross(normal, [0.0, 0.0, 1.0])
         return normal if forward[np.argmax(np.abs(forward))] > 0 else -normal
 
@@ -488,8 +488,8 @@ class _Reader:
                     reason = f"is unlike link {one.name}: {what} {_text(value)} and {_text(stated[1][what])}"
                     self.refuse(self._links[other.name], f"{reason}; both legs must be alike")
         if np.abs(hips[0] - hips[1]).max() > SAME:
-            words = f"the hip of {legs[1][-1].name} at {_vector(hips[1])} m is not that of {legs[0][-1].name}"
-            self.refuse(self._links[self.feet[1]], f"{words}, {_vector(hips[0])} m: they must be one from the side")
+            reason = f"the hip of {legs[1][-1].name} at {_vector(hips[1])} m is not that of {legs[0][-1].name}"
+            self.refuse(self._links[self.feet[1]], f"{reason}, {_vector(hips[0])} m: they must be one from the side")
 
     def _check_joints_alike(self, path: list[Link]) -> None:
         """Refuse legs whose joints differ: torques and limits would change when the feet swap roles.
@@ -560,18 +560,18 @@ class _Reader:
             import difflib
 
             near = difflib.get_close_matches(name, bodies, n=1)
-            words = f"did you mean {near[0]}?" if near else f"links: {', '.join(bodies)}"
-            self.refuse(self.robot, f"has no link {name!r}, which feet names; {words}")
+            remedy = f"did you mean {near[0]}?" if near else f"links: {', '.join(bodies)}"
+            self.refuse(self.robot, f"has no link {name!r}, which feet names; {remedy}")
         link, (R, t) = self._links[name], poses[name]
         shapes = [child.find("geometry") for child in link.children if child.tag == "collision"]
         kinds = [(shape.children[0] if shape is not None and shape.children else link) for shape in shapes]
         if not shapes:
             return bodies[name], _plane(normal) @ t, 0.0
         if len(shapes) > 1 or kinds[0].tag != "sphere":
-            words = {"mesh": "is only a mesh", "link": "has no shape"}.get(kinds[0].tag, f"is a {kinds[0].tag}")
+            shape = {"mesh": "is only a mesh", "link": "has no shape"}.get(kinds[0].tag, f"is a {kinds[0].tag}")
             self.refuse(
                 link,
-                f"is a foot, but its collision geometry {words if len(shapes) == 1 else 'has several shapes'}: give a "
+                f"is a foot, but its collision geometry {shape if len(shapes) == 1 else 'has several shapes'}: give a "
                 "sphere, or no collision geometry, for a point foot at the link's origin",
             )
         collision = next(child for child in link.children if child.tag == "collision")
@@ -593,10 +593,10 @@ class _Reader:
     def _triple(self, element: Element, key: str, default: Array | None = None) -> Array:
         if key not in element.attributes and default is not None:
             return default
-        words = element.attributes.get(key, "").split()
-        if len(words) != 3:
-            self.refuse(element, f"{key} = {_shown(' '.join(words))} must be three numbers")
-        return np.array([self._value(element, key, word) for word in words])
+        numbers = element.attributes.get(key, "").split()
+        if len(numbers) != 3:
+            self.refuse(element, f"{key} = {_shown(' '.join(numbers))} must be three numbers")
+        return np.array([self._value(element, key, word) for word in numbers])
 
     def _number(self, element: Element, key: str, default: float | None = None) -> float:
         if key not in element.attributes and default is not None:

@@ -10,7 +10,7 @@ polynomials. With a width w of ``clamp`` they are constant there, because h_d th
 
 which is smooth. It differs by at most about w / 2 from s inside of the span, and from 0 or 1 outside. If a clamp had
 kinks, the torques would jump when the phase passes an end, which is not an event of any mode sequence. With the shape
-accelerations ddq = drift + response u, for a foot that is held or in the actual mode, and J = dy/dq, the law is
+accelerations ddq = drift + response u, for a foot that sticks or in the actual mode, and J = dy/dq, the law is
 
     linearising    u = (J response)^-1 (-J drift - dJ/dt dq - kp y - kd dy),    so that ddy + kd dy + kp y = 0
     pd             u = -kp y - kd dy
@@ -68,7 +68,7 @@ class Law(StrEnum):
 
 
 class FootModel(StrEnum):
-    """The contact mode whose accelerations a linearising law uses: that of a held foot, or of the phase."""
+    """The contact mode whose accelerations a linearising law uses: that of a sticking foot, or of the phase."""
 
     STICK = "stick"
     ACTUAL = "actual"
@@ -125,8 +125,8 @@ class VirtualConstraints(Control):
             description="gains on the outputs and on their rates",
             json_schema_extra={
                 "properties": {
-                    name: {"type": "number", "minimum": 0, "maximum": LARGEST_GAIN, "description": words}
-                    for name, words in GAINS.items()
+                    name: {"type": "number", "minimum": 0, "maximum": LARGEST_GAIN, "description": meaning}
+                    for name, meaning in GAINS.items()
                 },
                 "required": [*GAINS],
                 "additionalProperties": False,
@@ -205,8 +205,8 @@ class VirtualConstraints(Control):
         angles, motors = (*walker.shape, *walker.phases), self.driven_by(walker)
         for k, name in enumerate(self.outputs):
             if name not in (*angles, *walker.actuators):
-                words = ", ".join(dict.fromkeys((*angles, *walker.actuators)))
-                yield ("outputs", k), f"{walker.model} has no angle {name!r}; it has {words}"
+                known = ", ".join(dict.fromkeys((*angles, *walker.actuators)))
+                yield ("outputs", k), f"{walker.model} has no angle {name!r}; it has {known}"
             elif name in self.outputs[:k]:
                 yield ("outputs", k), f"{name} is listed twice, which makes the decoupling matrix singular"
             elif name == self.phase:
@@ -222,14 +222,14 @@ class VirtualConstraints(Control):
         if {*names} != {*self.outputs} and (
             names or not isinstance(self.reference, CurveReference)
         ):  # or points are missing
-            words = f"has curves of {', '.join(names) or 'no output'}; the outputs are {', '.join(self.outputs)}"
-            yield ("reference", self.reference.kind), words
+            mismatch = f"has curves of {', '.join(names) or 'no output'}; the outputs are {', '.join(self.outputs)}"
+            yield ("reference", self.reference.kind), mismatch
         if (
             isinstance(self.reference, TableReference)
             and (first := next(iter(self.reference.table.columns))) != self.phase
         ):
-            words = f"its first column is {first}, but must be the phase variable {self.phase}"
-            yield ("reference", "table"), f"{self.reference.table.file}: {words}"
+            mismatch = f"its first column is {first}, but must be the phase variable {self.phase}"
+            yield ("reference", "table"), f"{self.reference.table.file}: {mismatch}"
         if self.is_invariant and self.law is not Law.LINEARISING:
             yield ("law",), "pd does not keep the outputs at zero, so that no curves are invariant: use linearising"
         for name in sorted({*GAINS} ^ {*self.gains}):
@@ -238,8 +238,8 @@ class VirtualConstraints(Control):
             if name not in walker.actuators:
                 yield ("motors", k), f"{walker.model} has no motor {name!r}; it has {', '.join(walker.actuators)}"
         if {*self.outputs} <= {*angles, *walker.actuators} and len({*motors}) != len(self.outputs):
-            words = f"one of {', '.join(walker.actuators)} for each of {', '.join(self.outputs)}"
-            yield ("motors",), f"must name {words}: {len({*motors})} given for {len(self.outputs)} outputs"
+            rule = f"one of {', '.join(walker.actuators)} for each of {', '.join(self.outputs)}"
+            yield ("motors",), f"must name {rule}: {len({*motors})} given for {len(self.outputs)} outputs"
         yield from super().faults(walker)
 
     def quantities(self, now: Instant) -> Mapping[str, SX]:

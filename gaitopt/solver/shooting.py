@@ -377,7 +377,7 @@ class MultipleShooting:
             before = mesh.cycle.phases[arc.phase - 1]
             guards = [(before, table.between(before, arc.mode).guard)] if timed else []
             if system.friction.may_drop and not timed:
-                guards += [table.held(arc.mode, name) for name in mesh.cycle.starts_from_rest(arc.phase)]
+                guards += [table.sticking(arc.mode, name) for name in mesh.cycle.starts_from_rest(arc.phase)]
             for mode, guard in guards:
                 _, Z, start, _ = self.arc(i)
                 margins = system.margins(mode)(start, Z[:, 0], *self.constants(arc, 1))

@@ -106,7 +106,7 @@ def test_mujoco_has_the_mass_matrix_of_the_walker(walker: Walker) -> None:
     by_name = SimpleNamespace(**{name: q[k] for k, name in enumerate((*kind.shape, "x", "y"))})
     tree = state_tree(kind, by_name, parameter_namespace(kind, p))
     root = next(link for link in tree.links if link.parent is None)
-    origin = tree.place(root, (0, 0))
+    origin = tree.position(root, (0, 0))
     placed = {"root_x": origin[0], "root_z": origin[1], "root_pitch": root.angle, **tree.joints}
     coordinates = vertcat(*(placed[joint] for joint in joints))
     eom = equations_of_motion(kind)

@@ -61,8 +61,8 @@ class SlipRunner(Walker):
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[SX, ...], ...]:
         """The spring from the foot to the body; in flight from the position of the next foot."""
         body = vertcat(q.x, q.y) + polar(p.leg_length - q.shortening, q.theta)
-        held = body - polar(p.leg_length, p.attack - pi / 2)
-        on_ground = if_else(q.shortening > 0, vertcat(q.x, q.y), held)
+        next_foot = body - polar(p.leg_length, p.attack - pi / 2)
+        on_ground = if_else(q.shortening > 0, vertcat(q.x, q.y), next_foot)
         return (coil(on_ground, body, 0.08 * p.leg_length),)
 
     @classmethod
