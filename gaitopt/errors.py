@@ -11,7 +11,7 @@ LAYOUT = "\n\t"
 
 
 class GaitoptError(Exception):
-    """Base of every error meant for the user: its message names place, value, allowed range and remedy.
+    """Base of every error meant for the user: its message names location, value, allowed range and remedy.
 
     Attributes
     ----------
@@ -51,12 +51,12 @@ class ArgumentError(ProblemError):
 
     exit_code = 2
 
-    def __init__(self, argument: str, words: str) -> None:
-        super().__init__(argument, words)
-        self.argument, self.words = argument, words
+    def __init__(self, argument: str, fault: str) -> None:
+        super().__init__(argument, fault)
+        self.argument, self.fault = argument, fault
 
     def __str__(self) -> str:
-        return f"{self.argument} {self.words}"
+        return f"{self.argument} {self.fault}"
 
 
 class SolveError(GaitoptError):

@@ -99,29 +99,30 @@ class About:
     Attributes
     ----------
     help : one sentence for the command line; empty if the command has no such option.
-    least, most : smallest and largest value; None if there is no bound. A field with ``most`` also needs ``least``.
+    lower, upper : smallest and largest value; None if there is no bound. A field with ``upper`` also needs ``lower``.
     unit : unit of a number.
     keyed : whether the field enters the identity of stored work even at its default, as in the first version.
     effort : whether the field limits the work of one call without changing the stored results.
-    words : the words of which a text consists, with commas between; empty if it may be any text.
+    items : the names that a text may list, with commas between; empty if it may be any text.
     """
 
     help: str = ""
-    least: float | None = None
-    most: float | None = None
+    lower: float | None = None
+    upper: float | None = None
     unit: str = ""
     keyed: bool = False
     effort: bool = False
-    words: tuple[str, ...] = ()
+    items: tuple[str, ...] = ()
 
     @property
     def span(self) -> str:
         """The bounds as a text; empty if there are none."""
-        if self.least is None:
+        if self.lower is None:
             return ""
         unit = f" {self.unit}" if self.unit else ""
-        lower = f"{self.least:,}"
-        return f"at least {lower}{unit}" if self.most is None else f"from {lower} to {self.most:,}{unit}"
+        if self.upper is None:
+            return f"at least {self.lower:,}{unit}"
+        return f"from {self.lower:,} to {self.upper:,}{unit}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,24 +185,24 @@ class Entry:
             return tuple(map(self._number, value))
         if self.kind is str and not isinstance(value, str):
             raise ArgumentError(self.name, f"is {_shown(value)}, but must be a text")
-        if self.about.words and (not _words_of(value) or {*_words_of(value)} - {*self.about.words}):
-            allowed = f"some of {', '.join(self.about.words)}, with commas between"
+        if self.about.items and (not _items_of(value) or {*_items_of(value)} - {*self.about.items}):
+            allowed = f"some of {', '.join(self.about.items)}, with commas between"
             raise ArgumentError(self.name, f"is {_shown(value)}, but must be {allowed}")
         return self._number(value) if self.kind in TYPE_NAMES else value
 
     def _number(self, value: Any) -> Any:
         """A finite number within the bounds, or a truth value."""
-        kind, least, most, span = self._of, self.about.least, self.about.most, self.about.span
+        kind, lower, upper, span = self._of, self.about.lower, self.about.upper, self.about.span
         abstract: Any = {int: Integral, float: Real, bool: bool}[kind]
         right = isinstance(value, abstract) and isinstance(value, bool) == (kind is bool) and math.isfinite(value)
-        if not right or (least is not None and value < least) or (most is not None and value > most):
+        if not right or (lower is not None and value < lower) or (upper is not None and value > upper):
             allowed = f"{TYPE_NAMES[kind]}, {span}" if span else TYPE_NAMES[kind]
             raise ArgumentError(self.name, f"is {_shown(value)}, but must be {allowed}")
         return kind(value)
 
 
-def _words_of(text: str) -> list[str]:
-    return [word for word in map(str.strip, text.split(",")) if word]
+def _items_of(text: str) -> list[str]:
+    return [item for item in map(str.strip, text.split(",")) if item]
 
 
 def _shown(value: Any) -> str:
@@ -275,14 +276,14 @@ class Request:
 
 METHOD = About("Newton's method from the guess, or IPOPT; auto uses IPOPT if Newton's method fails.")
 ENGINE = About("Integrator of the simulation.")
-SEED = About("Random seed.", least=0)
-STARTS = About("Number of start states of the search by simulation.", least=1, most=MOST_STARTS)
-MAX_POINTS = About("Maximum number of points per target.", least=1, effort=True)
-MAX_SECONDS = About("Time limit per target [s].", least=0.0, unit="s", effort=True)
-VERIFY_EVERY = About("Verify every N-th point by simulation; 0: none.", least=0)
+SEED = About("Random seed.", lower=0)
+STARTS = About("Number of start states of the search by simulation.", lower=1, upper=MOST_STARTS)
+MAX_POINTS = About("Maximum number of points per target.", lower=1, effort=True)
+MAX_SECONDS = About("Time limit per target [s].", lower=0.0, unit="s", effort=True)
+VERIFY_EVERY = About("Verify every N-th point by simulation; 0: none.", lower=0)
 SECONDS = About(
     "Stop after this time, with what is known by then; the result then depends on the machine.",
-    least=0.0,
+    lower=0.0,
     unit="s",
     effort=True,
 )
@@ -292,18 +293,18 @@ SECONDS = About(
 class SearchLimits(Request):
     """Limits of the search for one gait from its guess."""
 
-    newton_steps: Annotated[int, About("Maximum number of Newton steps from the guess.", least=1, most=1000)] = (
+    newton_steps: Annotated[int, About("Maximum number of Newton steps from the guess.", lower=1, upper=1000)] = (
         NEWTON_STEPS
     )
-    ipopt_iterations: Annotated[int, About("Maximum number of iterations of IPOPT.", least=1, most=100_000)] = (
+    ipopt_iterations: Annotated[int, About("Maximum number of iterations of IPOPT.", lower=1, upper=100_000)] = (
         IPOPT_ITERATIONS
     )
     intervals: Annotated[
         int,
         About(
             "Shooting intervals of a step in the first mesh; a stiff or inaccurate motion gets more.",
-            least=FEWEST_INTERVALS,
-            most=MOST_INTERVALS,
+            lower=FEWEST_INTERVALS,
+            upper=MOST_INTERVALS,
         ),
     ] = INTERVALS
 
@@ -332,8 +333,8 @@ class VerifyRequest(Request):
         float,
         About(
             "Largest difference of the two methods in natural units; the tolerances of all claims are in proportion.",
-            least=FINEST_AGREEMENT,
-            most=COARSEST_AGREEMENT,
+            lower=FINEST_AGREEMENT,
+            upper=COARSEST_AGREEMENT,
         ),
     ] = AGREEMENT
 
@@ -342,23 +343,23 @@ class VerifyRequest(Request):
 class StartsRequest(Request):
     """See ``gaitopt.multistart``."""
 
-    starts: Annotated[int, About("Number of sampled guesses; the best gait is stored.", least=1)] = 1
+    starts: Annotated[int, About("Number of sampled guesses; the best gait is stored.", lower=1)] = 1
     seed: Annotated[int, SEED] = 0
-    spread: Annotated[float, About("Spread of the samples, relative to the guess.", least=0.0, most=LARGEST_SPREAD)] = (
-        0.3
-    )
+    spread: Annotated[
+        float, About("Spread of the samples, relative to the guess.", lower=0.0, upper=LARGEST_SPREAD)
+    ] = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateRequest(Request):
     """See ``gaitopt.simulate``."""
 
-    steps: Annotated[int | None, About("Number of steps. Default: 1.", least=1)] = None
+    steps: Annotated[int | None, About("Number of steps. Default: 1.", lower=1)] = None
     dense: Annotated[bool, About()] = True
     engine: Annotated[Engine, ENGINE] = Engine.AUTO
     longest_step: Annotated[
         float | None,
-        About("Longest time of a step [s]. Default: 50 sqrt(l/g).", least=SHORTEST_STEP_TIME, most=LONGEST_STEP_TIME),
+        About("Longest time of a step [s]. Default: 50 sqrt(l/g).", lower=SHORTEST_STEP_TIME, upper=LONGEST_STEP_TIME),
     ] = None
 
 
@@ -367,7 +368,7 @@ class UntilRequest(Request):
     """See ``gaitopt.Until``."""
 
     time: Annotated[float | None, About("End at this time [s].")] = None
-    events: Annotated[int | None, About("End after this number of mode changes and impacts.", least=1)] = None
+    events: Annotated[int | None, About("End after this number of mode changes and impacts.", lower=1)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -414,7 +415,7 @@ class SearchRequest(Request):
 class FindRequest(SearchRequest):
     """See ``gaitopt.find``."""
 
-    steps: Annotated[int | None, About("Maximum number of steps of a cycle.", least=1)] = None
+    steps: Annotated[int | None, About("Maximum number of steps of a cycle.", lower=1)] = None
     seconds: Annotated[float | None, SECONDS] = None
 
 
@@ -462,11 +463,11 @@ class SweepRequest(Request):
 class AttractorsRequest(Request):
     """See ``gaitopt.attractors``."""
 
-    starts: Annotated[int, About("Number of walks at each value.", least=1, most=MOST_STARTS, keyed=True)] = 20
+    starts: Annotated[int, About("Number of walks at each value.", lower=1, upper=MOST_STARTS, keyed=True)] = 20
     transient: Annotated[
-        int, About("Number of cycles to discard first; take more near bifurcations.", least=1, keyed=True)
+        int, About("Number of cycles to discard first; take more near bifurcations.", lower=1, keyed=True)
     ] = 200
-    keep: Annotated[int, About("Number of cycles to record afterwards.", least=2, keyed=True)] = 64
+    keep: Annotated[int, About("Number of cycles to record afterwards.", lower=2, keyed=True)] = 64
     seed: Annotated[int, replace(SEED, keyed=True)] = 0
     engine: Annotated[Engine, replace(ENGINE, keyed=True)] = Engine.AUTO
 
@@ -476,15 +477,15 @@ class AtlasRequest(Request):
     """See ``gaitopt.atlas``."""
 
     slices: Annotated[
-        int, About("Number of branches to begin with, at values of the second parameter.", least=3, most=1000)
+        int, About("Number of branches to begin with, at values of the second parameter.", lower=3, upper=1000)
     ] = 9
     refinements: Annotated[
-        int, About("How many times the distance of branches that differ is halved.", least=0, most=20)
+        int, About("How many times the distance of branches that differ is halved.", lower=0, upper=20)
     ] = 3
-    max_points: Annotated[int, About("Maximum number of points of a branch on each side of its start.", least=10)] = 400
+    max_points: Annotated[int, About("Maximum number of points of a branch on each side of its start.", lower=10)] = 400
     steps: Annotated[
         int | None,
-        About("Largest number of steps of a cycle, for doubled gaits. Default: that of PROBLEM.", least=1),
+        About("Largest number of steps of a cycle, for doubled gaits. Default: that of PROBLEM.", lower=1),
     ] = None
 
 
@@ -492,7 +493,7 @@ class AtlasRequest(Request):
 class BasinRequest(Request):
     """See ``gaitopt.basin``."""
 
-    steps: Annotated[int, About("Maximum number of steps of each walk.", least=1)] = 100
+    steps: Annotated[int, About("Maximum number of steps of each walk.", lower=1)] = 100
     engine: Annotated[Engine, ENGINE] = Engine.AUTO
 
 
@@ -502,7 +503,7 @@ class RobustnessRequest(Request):
 
     what: Annotated[
         str | None,
-        About(f"Figures: some of {','.join(FIGURE_GROUPS)}, with commas. Default: all.", words=FIGURE_GROUPS),
+        About(f"Figures: some of {','.join(FIGURE_GROUPS)}, with commas. Default: all.", items=FIGURE_GROUPS),
     ] = None
     over: Annotated[str | None, About("Parameter of the range. Default: friction.")] = None
     random: Annotated[
@@ -512,15 +513,15 @@ class RobustnessRequest(Request):
             "and slope. Default: friction within 20 % of that of the problem."
         ),
     ] = None
-    walks: Annotated[int, About("Number of walks on random tiles.", least=2, most=MOST_STARTS)] = 400
-    steps: Annotated[int, About("Maximum number of steps of such a walk.", least=1, most=MOST_STARTS)] = 1000
+    walks: Annotated[int, About("Number of walks on random tiles.", lower=2, upper=MOST_STARTS)] = 400
+    steps: Annotated[int, About("Maximum number of steps of such a walk.", lower=1, upper=MOST_STARTS)] = 1000
     seed: Annotated[int, SEED] = 0
     engine: Annotated[Engine, ENGINE] = Engine.AUTO
 
     @property
     def groups(self) -> tuple[str, ...]:
         """The groups of figures, each once."""
-        asked = FIGURE_GROUPS if self.what is None else _words_of(self.what)
+        asked = FIGURE_GROUPS if self.what is None else _items_of(self.what)
         return tuple(name for name in FIGURE_GROUPS if name in asked)
 
 
@@ -539,9 +540,9 @@ class StabiliseRequest(Request):
         About("Phase of the curves: clock, or a phase variable. Default: one that is monotone; clock for pd."),
     ] = None
     degree: Annotated[
-        int | None, About("Degree of the curves. Default: the least one that fits.", least=4, most=20)
+        int | None, About("Degree of the curves. Default: the least one that fits.", lower=4, upper=20)
     ] = None
-    radius: Annotated[float, About("Upper bound of the spectral radius.", least=0.0, most=1.0)] = 1.0
+    radius: Annotated[float, About("Upper bound of the spectral radius.", lower=0.0, upper=1.0)] = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -552,8 +553,8 @@ class ProveRequest(Request):
         float | None,
         About(
             "Width of the bracket of a special point. Default: the narrowest provable one.",
-            least=NARROWEST,
-            most=WIDEST,
+            lower=NARROWEST,
+            upper=WIDEST,
         ),
     ] = None
 
@@ -566,8 +567,8 @@ class ReplayRequest(Request):
         tuple[float, ...] | None,
         About(
             "Time step [s]; may be repeated. Default: 0.004, 0.002, ..., 0.00025.",
-            least=FINEST_TIME_STEP,
-            most=COARSEST_TIME_STEP,
+            lower=FINEST_TIME_STEP,
+            upper=COARSEST_TIME_STEP,
             unit="s",
         ),
     ] = None
@@ -577,7 +578,7 @@ class ReplayRequest(Request):
 class WorkersRequest(Request):
     """The processes that run the jobs of a verb; the result does not depend on them."""
 
-    workers: Annotated[int | None, About("Number of processes. Default: one per core.", least=1, most=MOST_WORKERS)] = (
-        None
-    )
+    workers: Annotated[
+        int | None, About("Number of processes. Default: one per core.", lower=1, upper=MOST_WORKERS)
+    ] = None
     scheduler: Annotated[str | None, About("Use an existing Dask scheduler, such as tls://host:8786.")] = None

@@ -250,13 +250,17 @@ def _with_feedback(problem: Problem, law: Control, should_stop: Stop) -> Control
     if gait.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     if not gait.converged:
-        words = "the gait without the feedback, to which it leads back,"
-        raise SolveError(f"{problem.name}: control.step_feedback: {words} is {gait.status}: {gait.message}")
+        raise SolveError(
+            f"{problem.name}: control.step_feedback: the gait without the feedback, to which it leads back, "
+            f"is {gait.status}: {gait.message}"
+        )
     section, stated = gait.system.section(gait.cycle), feedback.stated
     for key, name in stated:
         if name not in section.names:
-            words = f"{name} is no coordinate of the section, which has {', '.join(section.names)}"
-            raise ProblemError(f"{problem.name}: control.step_feedback.gains.{key}: {words}")
+            raise ProblemError(
+                f"{problem.name}: control.step_feedback.gains.{key}: {name} is no coordinate of the section, which has "
+                f"{', '.join(section.names)}"
+            )
     if feedback.design is None:
         keys = tuple(dict.fromkeys(key for key, _ in stated))
         gains = np.array([[stated.get((key, name), 0.0) for name in section.names] for key in keys])
@@ -267,8 +271,11 @@ def _with_feedback(problem: Problem, law: Control, should_stop: Stop) -> Control
         gains = designed_gains(problem.name, return_map_derivatives(gait, keys), units, feedback.design)
     for key, (low, high) in (feedback.limits or {}).items():
         if key in keys and not low <= gait.dynamics.parameter(key) <= high:
-            words = f"[{low:g}, {high:g}] must contain the nominal value {gait.dynamics.parameter(key):g}"
-            raise ProblemError(f"{problem.name}: control.step_feedback.limits.{key}: {words}")
+            raise ProblemError(
+                f"{problem.name}: control.step_feedback.limits.{key}: [{low:g}, {high:g}] must contain the nominal "
+                f"value {gait.dynamics.parameter(key):g}"
+            )
+
     known = Resolved(
         keys=keys, names=section.names, gains=gains.reshape(len(keys), len(section.names)),
         state=gait.state[section.indices], every=len(gait.steps),

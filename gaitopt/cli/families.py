@@ -133,13 +133,13 @@ def _followed(
             shown = {key: record[key] for key in kept if key in record}
             summary.append(shown)
             values = record.get("values") or {head["parameter"]: record["value"]}
-            place = ", ".join(f"{key} = {value:.9g}" for key, value in values.items())
+            point = ", ".join(f"{key} = {value:.9g}" for key, value in values.items())
             if record["record"] == "special":
                 shown["verification"] = record["gait"].get("verification")
-                line = f"{place}: {event(record)}"
+                line = f"{point}: {event(record)}"
             else:
                 shown["sequence"] = sequence(record)
-                line = f"{place}  |multiplier| {record['spectral_radius']:.4f}  {shown['sequence']}"
+                line = f"{point}  |multiplier| {record['spectral_radius']:.4f}  {shown['sequence']}"
             is_new = len(summary) > head["stored"]
             if is_new and record["record"] == "point" and console.is_terminal:
                 points += 1

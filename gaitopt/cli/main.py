@@ -197,11 +197,11 @@ def _shown_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         elsewhere = warnings.showwarning
 
-        def show(message: Warning | str, category: type[Warning], *place: Any, **details: Any) -> None:
+        def show(message: Warning | str, category: type[Warning], *location: Any, **details: Any) -> None:
             if issubclass(category, GaitoptWarning):
                 sys.stderr.write(printable(f"gaitopt: warning: {message}\n"))
             else:
-                elsewhere(message, category, *place, **details)
+                elsewhere(message, category, *location, **details)
 
         warnings.showwarning = show
         warnings.simplefilter("always", GaitoptWarning)
@@ -211,13 +211,13 @@ def _shown_warnings() -> Iterator[None]:
 def _message(error: GaitoptError) -> str:
     """The message of an error, with the option that it concerns."""
     if isinstance(error, ArgumentError):
-        return f"{FLAGS.get(error.argument) or '--' + error.argument.replace('_', '-')} {error.words}"
+        return f"{FLAGS.get(error.argument) or '--' + error.argument.replace('_', '-')} {error.fault}"
     prefix, suffix = PREFIXES.get(error.argument, ""), SUFFIXES.get(error.argument, "")
     return "\n".join(prefix + line for line in str(error).splitlines()) + suffix
 
 
 def _internal_error(error: Exception) -> str:
-    """One line about a bug: the exception and its place, because some exceptions have no message."""
+    """One line about a bug: the exception and its location, because some exceptions have no message."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
     description = ": ".join(filter(None, (type(error).__name__, str(error))))
     file = "/".join(Path(frame.filename).parts[-2:])

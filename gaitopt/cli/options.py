@@ -81,8 +81,8 @@ def intervals(texts: Iterable[str]) -> dict[str, tuple[str, str]]:
         key, span = key_value(text, "--over")
         ends = span.split(":")
         if len(ends) != 2 or key in spans:
-            words = "is given twice" if key in spans else f"write --over {key}=LO:HI"
-            raise typer.BadParameter(f"--over {text}: {words}")
+            fault = "is given twice" if key in spans else f"write --over {key}=LO:HI"
+            raise typer.BadParameter(f"--over {text}: {fault}")
         spans[key] = (ends[0], ends[1])
     return spans
 
@@ -115,12 +115,12 @@ def state(texts: Texts) -> dict[str, float]:
     return values
 
 
-def number(text: str, place: str = "") -> float:
-    """The number in a text, read as YAML, or an angle; a message begins with the place of the text."""
+def number(text: str, prefix: str = "") -> float:
+    """The number in a text, read as YAML, or an angle; ``prefix`` begins the message of an error."""
     from gaitopt.model.units import parse_angle
     from gaitopt.problem.source import parse_value
 
-    wrong = typer.BadParameter(f"{place}{text}: write a number, or an angle such as 2 deg")
+    wrong = typer.BadParameter(f"{prefix}{text}: write a number, or an angle such as 2 deg")
     try:
         value = parse_angle(parse_value(text))
     except (ProblemError, ValueError) as error:
@@ -189,7 +189,7 @@ def option(
         flag or f"--{name.replace('_', '-')}",
         metavar=metavar or "|".join(field.choices) or None,
         parser=(number if metavar else field.read) if field.is_number else None,
-        callback=field.checked if field.is_number or field.choices or field.about.words else check,
+        callback=field.checked if field.is_number or field.choices or field.about.items else check,
         help=" ".join(filter(None, (field.about.help, field.about.span and f"[{field.about.span}]"))),
         show_default=field.default is not None,
     )
