@@ -292,10 +292,12 @@ def _element(elements: Sequence[Element], index: str, words: str, more: str = ""
 def load_curve_start(place: str) -> SpecialPoint | CurveStart:
     """The start of a trace at ``RUN@special.K``: a special point of a branch, or a curve that begins at one of a trace.
 
+    If several curves begin there, ``RUN@special.K.N`` is the N-th one, from 0; N is 0 by default.
+
     Raises
     ------
     UnknownNameError
-        If there is no such special point.
+        If there is no such special point, or no such curve.
     ProblemError
         If no other curve begins at a special point of a trace.
     """
@@ -307,11 +309,14 @@ def load_curve_start(place: str) -> SpecialPoint | CurveStart:
         raise UnknownNameError(f"{place} is not a special point: write RUN@special.K, from 0 in the order of the table")
     if kind_of(Path(run)) != "trace":
         return load_special_point(place)[0]
+    index, dot, number = index.partition(".")
     words = f"{run} has no special point {shown(index)}: those of its trace are"
     special = _element(restore_trace(Path(run)).specials, index, words)
     if not special.next:
         raise ProblemError(f"{place}: no other curve begins at a special point of type {special.type}")
-    return special.next[0]
+    conditions = ", ".join(start.condition for start in special.next)
+    message = f"{run}{at}{index} has no curve {shown(number)}: the curves that begin there are"
+    return _element(special.next, number if dot else "0", message, f" ({conditions})")
 
 
 def load_branch_point(place: str, label: str = "") -> BranchPoint:

@@ -156,8 +156,9 @@ def trace(
     run: Annotated[
         str,
         typer.Argument(
-            metavar="RUN@special.K",
-            help="The K-th special point of a branch; or of a trace, for the curve that begins there.",
+            metavar="RUN@special.K[.N]",
+            help="The K-th special point of a branch; or of a trace, for the N-th curve that begins there, by default "
+            "the first one (0).",
         ),
     ],
     param: Annotated[str, options.option(TraceRequest, "key", "--param", metavar="KEY")],

@@ -63,6 +63,11 @@ class CurveStart:
             kappa=record.get("kappa", 0.0),
         )
 
+    @property
+    def condition(self) -> str:
+        """The condition along the curve as text: the margin that vanishes, or the type of bifurcation."""
+        return self.type if self.margin is None else f"{self.type} {self.margin.kind}"
+
     def to_record(self) -> ConditionRecord:
         """One JSON object, without the gait."""
         record: ConditionRecord = {"type": self.type}

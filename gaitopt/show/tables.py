@@ -611,8 +611,8 @@ def print_trace(console: Console, records: Sequence[Record], parameters: tuple[s
         guess = "" if special["status"] == "converged" else " (only bracketed)"
         form = "".join(f", {name} = {v:.6g}" for name, v in special["coefficients"].items() if v is not None)
         console.print(f"{k}: curve {special['curve']}, {values}{form}{guess}: {event(special)}")
-        for start in special["next"]:
-            console.print(f"   next: {spelled(start['type'])}", markup=False)
+        for n, start in enumerate(special["next"]):
+            console.print(f"   next {n}: {spelled(start['type'])}", markup=False)
 
 
 def event(special: Record) -> str:

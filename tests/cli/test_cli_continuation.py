@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from gaitopt.api.stored import load_curve_start
 from gaitopt.branches import continuation as continuer
 from gaitopt.branches.continuation import Continuation
 from gaitopt.cli.main import main
@@ -190,6 +191,16 @@ def test_a_trace_is_printed_as_it_is_on_the_disk_goes_on_with_more_points_and_re
     assert "run: trace" in out
     code, _, err = run("trace", "trace@special.0", "--param", "walker.slope", "--to", "0.2")
     assert (code, "no other curve begins at a special point of type end" in err) == (3, True)
+    margin = {"type": "margin", "margin": {"kind": "clearance", "phase": 0, "step": 0}}
+    with Run(Path("trace")).appending(TRACE_FILE) as lines:
+        lines.append({**end, "type": "margin_period_doubling", "next": [margin, {"type": "period_doubling"}]})
+    number = len(more) - 6
+    begins = [load_curve_start(f"trace@special.{number}{n}").type for n in ("", ".0", ".1")]
+    assert begins == ["margin", "margin", "period_doubling"]
+    for wrong in ("2", "-1", "x", ""):
+        code, _, err = run("trace", f"trace@special.{number}.{wrong}", "--param", "walker.slope", "--to", "0.2")
+        choices = f"has no curve '{wrong}': the curves that begin there are 0 to 1 (margin clearance, period_doubling)"
+        assert (code, choices in " ".join(err.split())) == (2, True)
     code, _, err = run("trace", "branch@special.7", "--param", "walker.slope", "--to", "0.2")
     assert (code, "has no special point '7'" in err) == (2, True)
     code, _, err = run(*TRACE[:5], "0.3", *TRACE[6:])
