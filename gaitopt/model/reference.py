@@ -247,13 +247,13 @@ class Reference(BaseModel):
             largest, beyond = _largest_angle(name, walker), list[Fault]()
             for path, point in self._points_of(name):
                 if isinstance(point, Free):
-                    yield from (((*path, *keys), words) for keys, words in point.faults())
-                bound, words = largest, limit
+                    yield from (((*path, *keys), message) for keys, message in point.faults())
+                bound, reason = largest, limit
                 if not isinstance(self, ConstantReference):
                     bound = OVERSHOOT * largest
-                    words = f"control points are at most {bound:g} in size, because {limit}"
+                    reason = f"control points are at most {bound:g} in size, because {limit}"
                 sizes = [value for value in _extremes(point) if abs(value) > bound]
-                beyond += [(path, f"{value:g} is impossible: {words}") for value in sizes]
+                beyond += [(path, f"{value:g} is impossible: {reason}") for value in sizes]
             size = float(np.abs(angles).max())
             if not beyond and size > largest:
                 beyond = [self._fault_of(name, f"reaches {size:g} rad, which is impossible: {limit}")]
@@ -266,21 +266,21 @@ class Reference(BaseModel):
         if self.over_phase and duration is not None:
             yield (*above, "duration"), "does not apply: curves of a phase variable have a span: [START, END]"
         if self.over_phase and "degree" in known and vars(self)["degree"] is None:
-            words = "curves of a phase variable are polynomials: give degree: 6, or another number"
-            yield ("degree",), f"is missing: {words}"
+            remedy = "curves of a phase variable are polynomials: give degree: 6, or another number"
+            yield ("degree",), f"is missing: {remedy}"
         if self._over_law or "phase" not in known:
             return
         span, beyond_end = (getattr(self, name, None) for name in ("span", "beyond_end"))
         if self.is_invariant:
-            words = "applies to virtual_constraints; under PD control joints leave their curves: leave it out"
-            yield (*above, "invariant"), words
+            reason = "applies to virtual_constraints; under PD control joints leave their curves: leave it out"
+            yield (*above, "invariant"), reason
         if not self.over_phase:
             if beyond_end is None:
                 kinds = "flow, linear, hold or off" if isinstance(self, GaitReference) else "linear, hold or off"
                 yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
             if self._needs_ends and duration is None:
-                words = "those of a phase variable need phase: NAME and span: [START, END]"
-                yield (*above, "duration"), f"is missing: curves of time need their duration: SECONDS; {words}"
+                remedy = "those of a phase variable need phase: NAME and span: [START, END]"
+                yield (*above, "duration"), f"is missing: curves of time need their duration: SECONDS; {remedy}"
             if span is not None:
                 yield ("span",), "does not apply to curves of time: leave it out, or give phase: NAME"
             return
@@ -289,8 +289,8 @@ class Reference(BaseModel):
         elif span is not None and span[0] == span[1]:
             yield ("span",), f"is empty: both ends are {span[0]:g}; give the phase after and before the impact"
         if beyond_end is not None:
-            words = "curves of a phase variable continue as polynomials: leave it out"
-            yield ("beyond_end",), f"applies only to curves of time; {words}"
+            remedy = "curves of a phase variable continue as polynomials: leave it out"
+            yield ("beyond_end",), f"applies only to curves of time; {remedy}"
 
     def _joint_faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Joints that cannot follow the curves, and an unknown phase variable."""
@@ -299,14 +299,14 @@ class Reference(BaseModel):
             if joint == phase:
                 yield self._fault_of(joint, "is the phase variable and cannot follow a curve that depends on it")
             elif joint not in walker.tracked:
-                words = f"the tracked joints are {', '.join(walker.tracked)}" if walker.tracked else "it tracks none"
-                yield self._fault_of(joint, f"is not a tracked joint of {walker.model}; {words}")
+                known = f"the tracked joints are {', '.join(walker.tracked)}" if walker.tracked else "it tracks none"
+                yield self._fault_of(joint, f"is not a tracked joint of {walker.model}; {known}")
         if phase and phase not in angles:
-            words = f"it has {', '.join(angles)}; clock is the time since the impact"
-            yield ("phase",), f"{walker.model} has no phase variable {phase!r}; {words}"
+            known = f"it has {', '.join(angles)}; clock is the time since the impact"
+            yield ("phase",), f"{walker.model} has no phase variable {phase!r}; {known}"
         elif phase in walker.tracked and not self.names and "joints" in type(self).model_fields:
-            words = f"name the joints that can, joints: {{JOINT: {phase}}}"
-            yield ("phase",), f"{phase} cannot follow a curve that depends on it: {words}"
+            remedy = f"name the joints that can, joints: {{JOINT: {phase}}}"
+            yield ("phase",), f"{phase} cannot follow a curve that depends on it: {remedy}"
 
     # properties that the kinds of references override
 
@@ -348,9 +348,9 @@ class Reference(BaseModel):
         """Paths and values of the control points of a joint."""
         return [((self.kind, name, k), point) for k, point in enumerate(self.points.get(name, ()))]
 
-    def _fault_of(self, joint: str, words: str) -> Fault:
-        """A fault of what the reference states about a joint."""
-        return (self.kind, joint), words
+    def _fault_of(self, joint: str, message: str) -> Fault:
+        """A fault of what the reference states about a joint; ``message`` continues the name of its key."""
+        return (self.kind, joint), message
 
     def _kind_faults(self) -> Iterator[Fault]:
         """Mistakes that only this kind of reference can have."""
@@ -420,8 +420,8 @@ class BezierReference(Reference):
             if len(row) < 2:
                 yield ("bezier", name), f"has {counted(len(row), 'control point')}, must have at least 2"
         if self._over_law and self.invariant and len(_free_bounds(self.bezier)) < 2 * len(self.bezier):
-            words = "needs two free control points or more of each joint"
-            yield ("invariant",), f"{words}: outputs and rates after the impact vanish"
+            rule = "needs two free control points or more of each joint"
+            yield ("invariant",), f"{rule}: outputs and rates after the impact vanish"
 
 
 class TableReference(Reference):
@@ -457,22 +457,22 @@ class TableReference(Reference):
         """The columns of the joints."""
         return {name: self.table.columns[name] for name in self.names}
 
-    def _fault_of(self, joint: str, words: str) -> Fault:
-        return ("table",), f"{self.table.file}: {joint} {words}"
+    def _fault_of(self, joint: str, message: str) -> Fault:
+        return ("table",), f"{self.table.file}: {joint} {message}"
 
     def _kind_faults(self) -> Iterator[Fault]:
         """A first column that does not suit the argument, and a degree that does not suit the rows."""
         first, argument = next(iter(self.table.columns.items()))
         rows, expected = len(argument), self.phase_variable or "t"
         if not self._over_law and first != expected:
-            words = f"its first column is {first}, but must be {expected}, the argument of the curves"
-            yield ("table",), f"{self.table.file}: {words}"
+            mismatch = f"its first column is {first}, but must be {expected}, the argument of the curves"
+            yield ("table",), f"{self.table.file}: {mismatch}"
         elif not self.over_phase and (argument[0] != 0 or argument[-1] < 0):
-            words = f"t starts at {argument[0]:g} and ends at {argument[-1]:g}"
-            yield ("table",), f"{self.table.file}: {words}, but must rise from 0, the time of the impact"
+            ends = f"t starts at {argument[0]:g} and ends at {argument[-1]:g}"
+            yield ("table",), f"{self.table.file}: {ends}, but must rise from 0, the time of the impact"
         if self.degree is None and not self.over_phase and rows > MOST_KNOTS:
-            words = f"a spline through {rows} rows divides the motion at every row; use at most {MOST_KNOTS}"
-            yield ("degree",), f"is missing: {words}; give degree: 8, or another number, for polynomials"
+            limit = f"a spline through {rows} rows divides the motion at every row; use at most {MOST_KNOTS}"
+            yield ("degree",), f"is missing: {limit}; give degree: 8, or another number, for polynomials"
         elif self.degree is not None and self.degree >= rows:
             yield ("degree",), f"{self.degree} is too large: {rows} rows determine at most {rows - 1}"
 
@@ -513,8 +513,8 @@ class GaitReference(Reference):
         """The tracked gait."""
         return (self.gait, ("gait",)) if self._known is None else ("", ())
 
-    def _fault_of(self, joint: str, words: str) -> Fault:
-        return ("joints", joint), words
+    def _fault_of(self, joint: str, message: str) -> Fault:
+        return ("joints", joint), message
 
     def _kind_faults(self) -> Iterator[Fault]:
         """A degree without a phase variable."""
@@ -607,8 +607,8 @@ class CurveReference(Reference):
         rows = {name: [values[key] for key in keys(name, row)] for name, row in zeros.items()}
         return {"curve.points": {name: np.clip(row, -bound, bound).tolist() for name, row in rows.items()}}
 
-    def _fault_of(self, joint: str, words: str) -> Fault:
-        return ("joints", joint) if self.joints else ("curve", "points", joint), words
+    def _fault_of(self, joint: str, message: str) -> Fault:
+        return ("joints", joint) if self.joints else ("curve", "points", joint), message
 
     def _joint_faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Joints that cannot follow the curves, and points of others than those that do."""
@@ -623,16 +623,16 @@ class CurveReference(Reference):
         points, start, needed = self.curve.points, self.curve.start, self.curve.degree + 1
         for name, values in (points or {}).items():
             if len(values) != needed:
-                words = f"a curve of degree {self.curve.degree} has {needed}"
-                yield ("curve", "points", name), f"has {counted(len(values), 'control point')}, but {words}"
+                rule = f"a curve of degree {self.curve.degree} has {needed}"
+                yield ("curve", "points", name), f"has {counted(len(values), 'control point')}, but {rule}"
             for k, value in enumerate(values):
                 if abs(value) > self.curve.within:
                     yield ("curve", "points", name, k), f"{value:g} is outside of within = {self.curve.within:g}"
         if start is None and self.joints is not None:
             yield ("joints",), "applies only to curves whose first guess is a gait: give curve.start, or leave it out"
         elif start is None and not points:
-            words = "give a problem whose gait is the first guess, or the control points of the guess, points: {JOINT: "
-            yield ("curve", "start"), f"is missing: {words}[0, 0.1, 0.2]}}"
+            remedy = "give a problem whose gait is the first guess, or the control points of the guess, "
+            yield ("curve", "start"), f"is missing: {remedy}points: {{JOINT: [0, 0.1, 0.2]}}"
 
     def with_points(self, points: Mapping[str, tuple[float, ...]], span: tuple[float, float], phase: str) -> Self:
         """The same reference with these control points, which are unknowns, over ``span``: times [s], or a phase."""
@@ -701,8 +701,8 @@ def _reader(forms: Mapping[type[Reference], str], *, over_law: bool, optional: b
         known = [key for key in kind.model_fields if not (over_law and key in ARGUMENT)]
         unknown = [str(key) for key in value if key not in known]
         if unknown:
-            words = f"{', '.join(unknown)} {'does' if len(unknown) == 1 else 'do'} not belong to {kind.kind}"
-            raise ValueError(f"{words}, which has the keys {', '.join(known)}: {{{forms[kind]}}}")
+            reason = f"{', '.join(unknown)} {'does' if len(unknown) == 1 else 'do'} not belong to {kind.kind}"
+            raise ValueError(f"{reason}, which has the keys {', '.join(known)}: {{{forms[kind]}}}")
         reference = _stated(kind, value, over_law)
         return reference.given if isinstance(reference, CurveReference) else reference
 
@@ -756,5 +756,5 @@ def faults_of_other(reference: Reference, other: BezierReference | None) -> Iter
         one, two = (each.model_dump(exclude={"bezier"}) for each in (reference, other))
         if one == two:
             return
-    words = "differs from the reference in more than its control points: give both joints, degree and argument"
-    yield ("other_reference",), f"{words}, {{bezier: ...}}, alike"
+    mismatch = "differs from the reference in more than its control points: give both joints, degree and argument"
+    yield ("other_reference",), f"{mismatch}, {{bezier: ...}}, alike"
