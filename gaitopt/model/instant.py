@@ -39,7 +39,7 @@ class Instant:
 
         Parameters
         ----------
-        actual : whether they are those in the mode of the phase; by default the stance foot sticks, even if it slips.
+        actual : whether they are those in the mode of the phase; by default the stance foot is taken to stick.
 
         Returns
         -------
