@@ -138,7 +138,7 @@ def axis_label(axis: Axis, atlas: Atlas) -> Label:
     written = label(axis.key, atlas.problem)
     field = type(atlas.problem.walker).model_fields.get(axis.key.removeprefix("walker."))
     if axis.key.startswith("walker.") and field is not None and field.description:
-        written = replace(written, words=field.description.partition(" [")[0].partition(",")[0])
+        written = replace(written, name=field.description.partition(" [")[0].partition(",")[0])
     return replace(written, unit="°") if axis.unit == "deg" else written
 
 

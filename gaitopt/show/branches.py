@@ -126,7 +126,7 @@ def over_parameter(
     axes.set_xlabel(str(parameter.label))
     written = label(quantity, parameter.problem)
     split = any(len(_heights(point, quantity)) > 1 for point in drawn)
-    axes.set_ylabel(str(replace(written, words=f"{written.words} of each step") if split else written))
+    axes.set_ylabel(str(replace(written, name=f"{written.name} of each step") if split else written))
     stability = [entry("stable", **STABLE_LINE), entry("unstable", **UNSTABLE_LINE)]
     looks = [SPECIAL_LOOKS.get(kind, (kind, USER_MARKER)) for kind in sorted({kind for kind, *_ in marks})]
     markers = [entry(title, marker=marker, linestyle="", markerfacecolor="white") for title, marker in looks]

@@ -92,7 +92,7 @@ FilmTile: TypeAlias = tuple[float, float, float, float, float]
 
 
 class FilmPhaseRecord(TypedDict):
-    """A phase: ``mode`` determines its colour, ``words`` describe the contacts, ``contacts`` are their modes.
+    """A phase: ``mode`` determines its colour, ``label`` describes the contacts, ``contacts`` are their modes.
 
     ``undetermined`` says for each contact whether its share of a force is undetermined: the page then draws no force. A
     phase lasts from ``start`` to ``end`` [s] and from frame ``first`` to ``last``, in a ``step`` with its ``origin``
@@ -101,7 +101,7 @@ class FilmPhaseRecord(TypedDict):
     """
 
     mode: str
-    words: str
+    label: str
     contacts: list[str | None]
     undetermined: list[bool]
     start: float
@@ -425,7 +425,7 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
             phases.append(
                 {
                     "mode": _overall(arc.mode),
-                    "words": describe_contacts(arc.mode),
+                    "label": describe_contacts(arc.mode),
                     "contacts": [arc.mode.contacts[name] if name in arc.mode.touching else None for name in names],
                     "undetermined": [name in undetermined(motion.walker, arc.mode) for name in names],
                     "start": short(began + arc.start),

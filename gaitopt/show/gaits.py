@@ -441,7 +441,7 @@ def design_range(gait: Gait) -> Figure:
         (label("spectral_radius"), [point.spectral_radius for point in over.points], bound.maximum if bound else None)
     ]
     if weights:
-        minimised = label(next(iter(weights)), gait.problem) if len(weights) == 1 else Label(words="objective")
+        minimised = label(next(iter(weights)), gait.problem) if len(weights) == 1 else Label(name="objective")
         sign = np.sign(next(iter(weights.values()))) if len(weights) == 1 else 1.0
         rows.insert(0, (minimised, [sign * point.objective for point in over.points], sign * (over.single or 0.0)))
     figure, axes = panels(len(rows), height=1.9 * len(rows) + 0.8)

@@ -154,7 +154,7 @@ def time_label(motions: Sequence[Motion]) -> str:
     landing = all(motion.dynamics.system.cycle_end == TOUCHDOWN for motion in motions)
     single = landing and all(len(motion.steps) == 1 for motion in motions)
     ends = dict.fromkeys(cycle_end(motion.dynamics.system) for motion in motions)
-    return str(Label(words=f"time since {' or '.join(ends) if single else 'the start'}", unit="s"))
+    return str(Label(name=f"time since {' or '.join(ends) if single else 'the start'}", unit="s"))
 
 
 def position_label(motions: Sequence[Motion]) -> str:

@@ -63,7 +63,7 @@ STROKES = {"-": "stick", SLIP_DASHES: "slip", FLIGHT_DOTS: "flight"}
 """The names that ``curves.js`` uses for line styles."""
 COLOURS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
 """The names that ``theme.css`` uses for colours."""
-MOST_PLACES = 300
+MOST_GAITS = 300
 """Approximate largest number of gaits on the page of an atlas, with which it has about two megabytes."""
 POINTS = 17
 """Number of Chebyshev points of a phase of a branch: seven digits are accurate, more than a page can show."""
@@ -93,7 +93,7 @@ def figure(value: float | str | None, digits: int = 6) -> str:
     return "–" if value is None else f"{value:.{digits}g}".replace("-", "−")
 
 
-def words(films: Sequence[Record], records: Sequence[Record], problem: Problem) -> dict[str, Any]:
+def labels(films: Sequence[Record], records: Sequence[Record], problem: Problem) -> dict[str, Any]:
     """Labels of the scalars of some records and of the walker's states, for the scripts; motors determine units."""
     names = {name for film in films for name in film["shape"]}
     states = [key for name in (*sorted(names), "y", "x") for key in (name, f"d{name}")]
@@ -165,7 +165,7 @@ def comparison_report(gaits: Sequence[Gait], replays: Sequence[Record] = ()) -> 
         title=" and ".join(dict.fromkeys(gait["film"]["name"] for gait in shown)),
         about=gaits[0].problem.about if len(gaits) == 1 else "Side by side",
         replayed=svg(replayed_motion(motions[0], replays)) if any(replay["motion"] for replay in replays) else "",
-        data={"gaits": shown, **words([gait["film"] for gait in shown], records, gaits[0].problem)},
+        data={"gaits": shown, **labels([gait["film"] for gait in shown], records, gaits[0].problem)},
         derivatives=[(name, _differentiated(gait)) for name, gait in zip(names, gaits, strict=True)],
         checks=[(gait["film"]["name"], record["verification"]) for gait, record in zip(shown, records, strict=True)],
         origins=[provenance(gait.problem, gait.solver) for gait in gaits],
@@ -232,7 +232,7 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
     specials = [_special(record) for record in shown.shown(records) if record["record"] == "special"]
     return render(
         "branch.html",
-        title=f"{problem.name} over {shown.label.words}",
+        title=f"{problem.name} over {shown.label.name}",
         about=problem.about,
         data={
             "common": common,
@@ -240,14 +240,14 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
             "specials": specials,
             "cascades": [str(cascade) for cascade in cascades(shown.shown(records))],
             "parameter": asdict(shown.label),
-            **words(films, [_without([parameter], point) for point in points], problem),
+            **labels(films, [_without([parameter], point) for point in points], problem),
         },
         origins=[provenance(problem)],
     )
 
 
 def atlas_report(atlas: Atlas) -> str:
-    """HTML of an atlas: a map, and the gait of the place that the reader points at.
+    """HTML of an atlas: a map, and the gait nearest to the point that the reader selects.
 
     Raises
     ------
@@ -255,23 +255,23 @@ def atlas_report(atlas: Atlas) -> str:
         If no branch of the atlas has a gait.
     """
     keys, ranges, found = [axis.key for axis in atlas.axes], atlas.axes, atlas.arrangement
-    places = [(number, place) for number, region in enumerate(found.regions) for place in region.segments]
-    if not places:
+    segments = [(number, index) for number, region in enumerate(found.regions) for index in region.segments]
+    if not segments:
         raise ProblemError(f"the atlas of {atlas.problem.name} has no gaits")
-    each = max(1, MOST_PLACES // len(places))
+    each = max(1, MOST_GAITS // len(segments))
     chosen: list[tuple[int, tuple[float, ...], Record]] = [
         (number, tuple(known["at"].values()), known["gait"])
         for number, known in enumerate(atlas.gaits)
         if known.get("gait") is not None
     ]
-    for number, (j, i) in places:
+    for number, (j, i) in segments:
         points = atlas.slices[j].segments[i].points
         thinned_points = points[:: -(-len(points) // each)]
         chosen += [(number, (point["value"], atlas.slices[j].value), point) for point in thinned_points]
     dynamics = problem_dynamics(atlas.problem.replace(dict(zip(keys, chosen[0][1], strict=True))))
     films: list[Record] = []
-    for _, place, record in chosen:
-        moved = dynamics.at(dict(zip(keys, place, strict=True)))
+    for _, values, record in chosen:
+        moved = dynamics.at(dict(zip(keys, values, strict=True)))
         films.append(film(motion_from_record(moved, record, name=atlas.problem.name, points=POINTS), FRAMES))
     (common, own), colours = _common(films), dict(zip(sequences(atlas), cycle(COLOURS), strict=False))
     gaits = [
@@ -279,29 +279,29 @@ def atlas_report(atlas: Atlas) -> str:
             "film": moving,
             "region": number,
             "sheet": found.regions[number].sheet,
-            "place": _short_points(shown_in(np.array([place]), ranges))[0],
+            "values": _short_points(shown_in(np.array([values]), ranges))[0],
             **_of_each_step(record),
             **numbers(_without(keys, record)),
         }
-        for (number, place, record), moving in zip(chosen, own, strict=True)
+        for (number, values, record), moving in zip(chosen, own, strict=True)
     ]
-    labels = [axis_label(axis, atlas) for axis in ranges]
+    axes = [axis_label(axis, atlas) for axis in ranges]
     ends = shown_in(np.array([[axis.lower for axis in ranges], [axis.upper for axis in ranges]]), ranges).T.tolist()
     return render(
         "atlas.html",
-        title=f"{atlas.problem.name} over {' and '.join(written.words for written in labels)}",
+        title=f"{atlas.problem.name} over {' and '.join(axis.name for axis in axes)}",
         about=atlas.problem.about,
         data={
             "common": common,
             "gaits": gaits,
-            "axes": [{**asdict(written), "range": span} for written, span in zip(labels, ends, strict=True)],
+            "axes": [{**asdict(axis), "range": span} for axis, span in zip(axes, ends, strict=True)],
             "regions": [
                 {
-                    "words": region.modes.replace("_", " "),
+                    "modes": region.modes.replace("_", " "),
                     "unstable": region.unstable,
                     "sheet": region.sheet,
                     "colour": colours.get(region.modes, "empty" if region.modes == NO_GAIT else UNKNOWN),
-                    "part": region.area / atlas.area,
+                    "fraction": region.area / atlas.area,
                     "outlines": [_short_points(shown_in(piece, ranges)) for piece in region.pieces if len(piece) > 2],
                 }
                 for region in found.regions
@@ -309,7 +309,7 @@ def atlas_report(atlas: Atlas) -> str:
             "curves": [
                 {
                     "type": curve.type,
-                    "words": LINES[curve.type][0] if curve.type in LINES else curve.type,
+                    "label": LINES[curve.type][0] if curve.type in LINES else curve.type,
                     "sheet": curve.sheet,
                     "points": _short_points(shown_in(curve.points, ranges)),
                 }
@@ -317,14 +317,14 @@ def atlas_report(atlas: Atlas) -> str:
             ],
             "points": [
                 {
-                    "words": point_name(junction),
+                    "name": point_name(junction),
                     "sheet": junction.sheet,
                     "within": junction.within,
-                    "place": shown_in(np.array([junction.values]), ranges)[0].tolist(),
+                    "values": shown_in(np.array([junction.values]), ranges)[0].tolist(),
                 }
                 for junction in found.junctions
             ],
-            **words(films, [_without(keys, record) for _, _, record in chosen], atlas.problem),
+            **labels(films, [_without(keys, record) for _, _, record in chosen], atlas.problem),
         },
         origins=[provenance(atlas.problem)],
     )
@@ -350,29 +350,29 @@ def walks_page(gait: Gait, walks: Mapping[str, Walk], about: str, over: tuple[st
     walks : walks by the text of their button; those that end before anything moves are left out.
     over : two states of the section; if they are given, the reader chooses a start in their plane instead of a button.
     """
-    moving = {words: walk for words, walk in walks.items() if walk.trajectory.steps}
+    moving = {title: walk for title, walk in walks.items() if walk.trajectory.steps}
     films: list[Record] = [film(motion_of_walk(walk)) for walk in moving.values()]
     (common, own), columns = _common(films), [gait.system.state_names.index(name) for name in over or ()]
     shown = [
         {
             "film": moved,
-            "words": words,
+            "title": title,
             "ending": walk.trajectory.ending,
             "message": walk.trajectory.message or f"walks on, {len(walk.complete_steps)} steps are shown",
             "start": [short(walk.trajectory.start[column]) for column in columns],
         }
-        for moved, (words, walk) in zip(own, moving.items(), strict=True)
+        for moved, (title, walk) in zip(own, moving.items(), strict=True)
     ]
     plane = None
     if over:
-        places = np.array([one["start"] for one in shown])
+        starts = np.array([one["start"] for one in shown])
         plane = {
             "title": "Click a start to see its walk",
             **{
                 axis: f"{symbol(name)} {cycle_start(gait.system)} [{state_unit(name, gait.system)}]"
                 for axis, name in zip("xy", over, strict=True)
             },
-            "size": [short(np.diff(np.unique(column)).min()) for column in places.T],
+            "size": [short(np.diff(np.unique(column)).min()) for column in starts.T],
             "gait": [short(gait.state[column]) for column in columns],
         }
     goes_on = (k for k, one in enumerate(shown) if one["ending"] == Ending.COMPLETED)

@@ -205,13 +205,13 @@ def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Label:
-    """Words and unit of a quantity."""
+    """Name and unit of a quantity."""
 
-    words: str
+    name: str
     unit: str = ""
 
     def __str__(self) -> str:
-        return f"{self.words} [{self.unit}]" if self.unit else self.words
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -259,9 +259,9 @@ def symbol(state: str) -> str:
 def label(key: str, of: Driven | None = None) -> Label:
     """Label of a scalar, a state or a parameter of a problem or system; an unknown key is its own label."""
     if key in SCALARS or key in FRICTION_LABELS or key.startswith("friction."):
-        return Label(words=f"{label_of(key, of)} {SYMBOLS.get(key, '')}".rstrip(), unit=typeset(unit_of(key, of)))
+        return Label(name=f"{label_of(key, of)} {SYMBOLS.get(key, '')}".rstrip(), unit=typeset(unit_of(key, of)))
     last, unit = key.rpartition(".")[2], unit_of(key, of)
-    return Label(words=f"{last.replace('_', ' ')} {MOTOR_WORDS.get(unit, '')}".rstrip(), unit=typeset(unit))
+    return Label(name=f"{last.replace('_', ' ')} {MOTOR_WORDS.get(unit, '')}".rstrip(), unit=typeset(unit))
 
 
 def typeset(unit: str) -> str:

@@ -45,14 +45,14 @@ def test_the_walker_walks_at_the_chosen_speed_stops_and_is_scrubbed(visit, name)
     first = position(page)
     page.wait_for_function(f"first => document.querySelector('{FORCE}').getAttribute('d') !== first", arg=first)
     page.get_by_label("speed").select_option("2")
-    page.wait_for_function("() => document.querySelector('.words').textContent.includes('step 3')", timeout=5000)
+    page.wait_for_function("() => document.querySelector('.caption').textContent.includes('step 3')", timeout=5000)
     page.get_by_role("button", name="Pause").click()
     still = position(page)
     page.wait_for_timeout(150)
     assert position(page) == still
     slider = page.get_by_role("slider", name="time")
     slider.fill("700")
-    assert "step 3" in page.locator(".words").inner_text()
+    assert "step 3" in page.locator(".caption").inner_text()
     slider.press("ArrowRight")
     assert slider.input_value() == "701"
 
@@ -97,7 +97,7 @@ def test_in_flight_there_is_neither_force_nor_mark_on_the_ground(visit):
     page = visit(animation_page(motion_of(gait("hopper"))), motion="reduce")
     for place, flying in ((0, False), (40, True), (200, True), (252, False)):
         page.get_by_role("slider", name="time").fill(str(place))
-        assert ("flight" in page.locator(".words").inner_text()) is flying
+        assert ("flight" in page.locator(".caption").inner_text()) is flying
         assert page.locator(FORCE).is_visible() is not flying
     assert page.locator(".walker .mark").count() == 0
 
@@ -331,7 +331,7 @@ def test_a_walk_is_shown_from_start_to_end(visit):
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.locator("tbody tr").count() >= len(walk.complete_steps) + 1
     page.get_by_role("slider", name="time").fill("1000")
-    assert f"step {len(walk.trajectory.steps)}" in page.locator(".words").inner_text()
+    assert f"step {len(walk.trajectory.steps)}" in page.locator(".caption").inner_text()
 
 
 def test_scripts_read_what_a_film_states_and_nothing_else(visit, branch_page):

@@ -14,7 +14,7 @@ from samples import sampled
 
 import gaitopt as go
 from gaitopt import Status
-from gaitopt.show.pages import branch_report, comparison_report, walks_page, words
+from gaitopt.show.pages import branch_report, comparison_report, labels, walks_page
 
 
 def data_of(page):
@@ -120,8 +120,8 @@ def test_a_name_cannot_smuggle_markup_into_a_page():
 
 
 def test_the_height_of_a_foot_that_flies_has_its_unit():
-    labels = words([{"shape": ["shortening"]}], [], go.load_problem("slip-run"))
-    assert [labels["units"][name] for name in ("shortening", "y", "dy", "x")] == ["m", "m", "m/s", "m"]
+    shown = labels([{"shape": ["shortening"]}], [], go.load_problem("slip-run"))
+    assert [shown["units"][name] for name in ("shortening", "y", "dy", "x")] == ["m", "m", "m/s", "m"]
 
 
 def test_walks_to_choose_from_start_where_they_say_and_end_as_they_do():
@@ -130,7 +130,7 @@ def test_walks_to_choose_from_start_where_they_say_and_end_as_they_do():
     walks = {label: go.simulate(shown, state, steps=3) for label, state in starts.items()}
     page = walks_page(shown, walks, "about", ("dtheta1", "dtheta2"))
     data = data_of(page)
-    assert [walk["words"] for walk in data["walks"]] == [*starts]
+    assert [walk["title"] for walk in data["walks"]] == [*starts]
     assert [walk["start"][0] for walk in data["walks"]] == [0.7, 0.7, 0.71, 0.71, 0.9, 0.9]
     assert [walk["ending"] for walk in data["walks"]] == [str(walk.trajectory.ending) for walk in walks.values()]
     assert data["plane"]["gait"] == pytest.approx(shown.state[[3, 4]], rel=1e-6)

@@ -1,4 +1,4 @@
-// The map of an atlas: regions over two parameters; a click, arrow keys or a button select the gait of a place.
+// The map of an atlas: regions over two parameters; a click, arrow keys or a button select a gait.
 
 const MAP_HEIGHT = 440;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
@@ -16,17 +16,17 @@ class AtlasMap {
 
   draw() {
     const [x, y] = this.axes;
-    const options = { title: `Gaits over ${x.words} and ${y.words}`, x: axisOf(x), y: axisOf(y), xRange: x.range, yRange: y.range, height: MAP_HEIGHT, padding: 0 };
+    const options = { title: `Gaits over ${x.name} and ${y.name}`, x: axisOf(x), y: axisOf(y), xRange: x.range, yRange: y.range, height: MAP_HEIGHT, padding: 0 };
     this.diagram.replaceChildren();
     this.marker = undefined; // until the chart is painted
     this.chart = new Chart(this.diagram, options, (chart) => this.paint(chart));
     const drawn = this.curves.filter(({ sheet }) => sheet === this.sheet);
     legend(this.diagram, [], "Hatched: unstable. Click a place, or move with the arrow keys.");
-    for (const [type, words] of new Map(drawn.map(({ type, words }) => [type, words]))) {
+    for (const [type, label] of new Map(drawn.map(({ type, label }) => [type, label]))) {
       const sample = html("span", {});
       const picture = svg(sample, "svg", { width: 24, height: 10, "aria-hidden": "true" });
       svg(picture, "path", { class: `curve edge ${type}`, d: "M0 5H24" });
-      sample.append(` ${words}`);
+      sample.append(` ${label}`);
       this.diagram.lastElementChild.lastElementChild.append(sample);
     }
     this.chart.box.append(this.tip);
@@ -44,9 +44,9 @@ class AtlasMap {
       return area;
     });
     for (const { sheet, type, points } of this.curves) if (sheet === this.sheet) chart.line(points, `curve edge ${type}`);
-    const marks = this.points.filter(({ sheet }) => sheet === this.sheet).map(({ words, place: [x, y] }) => {
-      svg(chart.dot(x, y, "special", 4), "title").textContent = words;
-      return [words, chart.px(x), chart.py(y)];
+    const marks = this.points.filter(({ sheet }) => sheet === this.sheet).map(({ name, values: [x, y] }) => {
+      svg(chart.dot(x, y, "special", 4), "title").textContent = name;
+      return [name, chart.px(x), chart.py(y)];
     });
     writeBeside(chart, marks);
     this.marker = svg(chart.svg, "circle", { class: "chosen", r: 7 });
@@ -78,60 +78,60 @@ class AtlasMap {
 
   // Index of the gait of the region under the pointer that is nearest to it, or -1.
   nearest(event) {
-    const place = this.pointer(event);
-    const region = this.regionAt(place);
+    const [a, b] = this.pointer(event);
+    const region = this.regionAt([a, b]);
     return this.closest((gait) => {
-      const [x, y] = this.at(gait.place);
-      return gait.region === region ? Math.hypot(x - place[0], y - place[1]) : Infinity;
+      const [x, y] = this.at(gait.values);
+      return gait.region === region ? Math.hypot(x - a, y - b) : Infinity;
     });
   }
 
   // Index of the next gait in a direction, or -1.
   beside([right, down]) {
-    const [a, b] = this.at(this.gaits[this.chosen].place);
-    return this.closest(({ sheet, place }) => {
-      const [x, y] = this.at(place);
+    const [a, b] = this.at(this.gaits[this.chosen].values);
+    return this.closest(({ sheet, values }) => {
+      const [x, y] = this.at(values);
       const ahead = right * (x - a) + down * (y - b);
       const aside = Math.abs(down * (x - a) + right * (y - b));
       return sheet === this.sheet && ahead > 1 && aside < ASIDE * ahead ? ahead + aside : Infinity;
     });
   }
 
-  // Index of the gait with the least distance, or -1.
+  // Index of the gait with the smallest distance, or -1.
   closest(distance) {
     const distances = this.gaits.map(distance);
-    const least = Math.min(...distances);
-    return least < Infinity ? distances.indexOf(least) : -1;
+    const smallest = Math.min(...distances);
+    return smallest < Infinity ? distances.indexOf(smallest) : -1;
   }
 
   hover(event) {
-    const place = this.pointer(event);
-    const region = this.regions[this.regionAt(place)];
+    const [x, y] = this.pointer(event);
+    const region = this.regions[this.regionAt([x, y])];
     this.tip.hidden = !region;
     if (!region) return;
     this.tip.textContent = this.describe(region);
-    this.tip.style.left = `${Math.min(place[0] + 12, this.chart.width - 190)}px`;
-    this.tip.style.top = `${place[1] + 14}px`;
+    this.tip.style.left = `${Math.min(x + 12, this.chart.width - 190)}px`;
+    this.tip.style.top = `${y + 14}px`;
   }
 
-  describe({ words, unstable }) {
-    return unstable === null ? words : `${words}; ${unstable ? "unstable" : "stable"}`;
+  describe({ modes, unstable }) {
+    return unstable === null ? modes : `${modes}; ${unstable ? "unstable" : "stable"}`;
   }
 
   // Select a gait, on its sheet; nothing happens where there is none.
   select(index) {
     if (index < 0) return;
     this.chosen = index;
-    const { sheet, place } = this.gaits[index];
+    const { sheet, values } = this.gaits[index];
     if (sheet !== this.sheet) this.turnTo(sheet);
     this.mark();
-    this.choose(this.gaits[index], this.axes.map((axis, k) => `${axis.words} = ${amount(place[k], axis)}`).join(", "));
+    this.choose(this.gaits[index], this.axes.map((axis, k) => `${axis.name} = ${amount(values[k], axis)}`).join(", "));
   }
 
   mark() {
     if (!this.marker || this.chosen === undefined) return;
-    const { sheet, place } = this.gaits[this.chosen];
-    const [cx, cy] = this.at(place);
+    const { sheet, values } = this.gaits[this.chosen];
+    const [cx, cy] = this.at(values);
     this.marker.style.display = sheet === this.sheet ? "" : "none";
     set(this.marker, { cx, cy });
   }
@@ -157,26 +157,26 @@ class AtlasMap {
   }
 
   regionTable() {
-    const several = this.buttons.length > 0;
+    const folded = this.buttons.length > 0;
     const rows = this.regions.map((region, k) => {
-      const { words, unstable, sheet, colour, part } = region;
+      const { modes, unstable, sheet, colour, fraction } = region;
       const first = this.gaits.findIndex((gait) => gait.region === k);
-      const name = first < 0 ? words : html("button", { type: "button" }, words);
+      const name = first < 0 ? modes : html("button", { type: "button" }, modes);
       if (first >= 0) name.addEventListener("click", () => this.select(first));
       const stability = unstable === null ? "" : unstable ? "unstable" : "stable";
-      const cells = [html("span", { class: `swatch region ${colour}` }), name, stability, ...(several ? [sheet < 0 ? "" : String(sheet + 1)] : []), `${(100 * part).toPrecision(3)}\u00a0%`];
+      const cells = [html("span", { class: `swatch region ${colour}` }), name, stability, ...(folded ? [sheet < 0 ? "" : String(sheet + 1)] : []), `${(100 * fraction).toPrecision(3)}\u00a0%`];
       return html("tr", {}, ...cells.map((cell) => html("td", {}, cell)));
     });
-    const head = ["", "mode sequence", "", ...(several ? ["sheet"] : []), "area"].map((words) => html("th", { scope: "col" }, words));
+    const head = ["", "mode sequence", "", ...(folded ? ["sheet"] : []), "area"].map((heading) => html("th", { scope: "col" }, heading));
     const table = html("table", { class: "sequences" }, html("thead", {}, html("tr", {}, ...head)), html("tbody", {}, ...rows));
     return html("div", { class: "scroll", tabindex: 0, role: "group", "aria-label": "regions" }, table);
   }
 
   pointList() {
     const list = html("ul", { class: "specials" });
-    for (const { words, place, within } of this.points) {
-      const where = this.axes.map((axis, k) => `${axis.words} = ${amount(place[k], axis)}`).join(", ");
-      list.append(html("li", {}, `${words} at ${where}${within ? " (not located)" : ""}`));
+    for (const { name, values, within } of this.points) {
+      const where = this.axes.map((axis, k) => `${axis.name} = ${amount(values[k], axis)}`).join(", ");
+      list.append(html("li", {}, `${name} at ${where}${within ? " (not located)" : ""}`));
     }
     return list;
   }

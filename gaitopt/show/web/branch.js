@@ -1,6 +1,6 @@
 // The diagram of a branch: any scalar versus the parameter; click, slider or arrow keys select a gait.
 
-const SPECIAL_WORDS = {
+const SPECIAL_NAMES = {
   fold: "fold", branch_point: "branches cross", period_doubling: "period doubling", neimark_sacker: "Neimark–Sacker", mode_change: "other phases begin",
   impact_change: "other impact begins", lift_off: "foot lifts off", painleve: "Painlevé paradox", end: "branch ends",
   vanishing: "gait vanishes",
@@ -31,7 +31,7 @@ function specialKey(specials) {
     const sample = html("span", {});
     const picture = svg(sample, "svg", { width: 16, height: 16, "aria-hidden": "true" });
     svg(picture, "path", { class: `special ${type}`, d: markPath(type, 8, 8, 6) });
-    sample.append(` ${SPECIAL_WORDS[type] ?? type}`);
+    sample.append(` ${SPECIAL_NAMES[type] ?? type}`);
     key.append(sample);
   }
   return key;
@@ -43,7 +43,7 @@ class BranchDiagram {
     this.axis = axisOf(this.parameter);
     this.numbers = [...new Set(this.gaits.map((gait) => gait.branch))];
     const keys = Object.keys(this.scalars).filter((key) => this.gaits.some((gait) => typeof gait.scalars[key] === "number"));
-    this.quantity = html("select", { id: "quantity" }, ...keys.map((key) => html("option", { value: key }, this.scalars[key].words)));
+    this.quantity = html("select", { id: "quantity" }, ...keys.map((key) => html("option", { value: key }, this.scalars[key].name)));
     this.quantity.value = keys.includes("spectral_radius") ? "spectral_radius" : keys[0];
     this.quantity.addEventListener("change", () => this.draw());
     this.slider = html("input", { type: "range", id: "point", min: 0, max: this.gaits.length - 1, step: 1, value: 0 });
@@ -63,10 +63,10 @@ class BranchDiagram {
   // The mode sequence of a branch, that of its middle gait.
   sequenceOf(number) {
     const gaits = this.gaits.filter((gait) => gait.branch === number);
-    const words = sequence(gaits[Math.floor(gaits.length / 2)].film);
-    const same = this.numbers.filter((other) => other < number && this.named?.get(other)?.startsWith(words)).length;
-    this.named = (this.named ?? new Map()).set(number, words);
-    return same ? `${words} (branch ${number})` : words;
+    const title = sequence(gaits[Math.floor(gaits.length / 2)].film);
+    const same = this.numbers.filter((other) => other < number && this.named?.get(other)?.startsWith(title)).length;
+    this.named = (this.named ?? new Map()).set(number, title);
+    return same ? `${title} (branch ${number})` : title;
   }
 
   value(gait) {
@@ -88,7 +88,7 @@ class BranchDiagram {
     const drawn = this.gaits.filter((gait) => typeof this.value(gait) === "number");
     this.log = key === "spectral_radius" && drawn.some((gait) => this.value(gait) > LOG);
     const level = key === "spectral_radius" ? [this.height(1)] : [];
-    const options = { title: `${this.scalars[key].words} over ${this.parameter.words}`, x: this.axis, y: axisOf(this.scalars[key]), height: 340 };
+    const options = { title: `${this.scalars[key].name} over ${this.parameter.name}`, x: this.axis, y: axisOf(this.scalars[key]), height: 340 };
     options.xRange = extent(this.gaits.map((gait) => gait.value));
     const [low, high] = extent([...drawn.flatMap((gait) => this.values(gait).map((value) => this.height(value))), ...level]);
     options.yRange = [low - BELOW * (high - low), high];
@@ -126,9 +126,9 @@ class BranchDiagram {
       if (typeof scalars[key] !== "number" || !(own || next?.includes(number)) || (key === "spectral_radius" && !(type in MARKS))) continue;
       const detours = line.slice(1).map((point, k) => Math.abs(value - line[k].value) + Math.abs(point.value - value) - Math.abs(point.value - line[k].value));
       const beyond = 2 * Math.abs(value - line.at(-1).value);
-      const least = Math.min(...detours);
-      const place = !own ? 0 : beyond <= least ? line.length : detours.indexOf(least) + 1;
-      line.splice(place, 0, { value, heights: steps?.[key] ?? [scalars[key]], stable: line[Math.max(place - 1, 0)].stable });
+      const shortest = Math.min(...detours);
+      const index = !own ? 0 : beyond <= shortest ? line.length : detours.indexOf(shortest) + 1;
+      line.splice(index, 0, { value, heights: steps?.[key] ?? [scalars[key]], stable: line[Math.max(index - 1, 0)].stable });
     }
     return line;
   }
@@ -140,10 +140,10 @@ class BranchDiagram {
       for (let step = 0; step < Math.max(before.length, after.length); step += 1)
         chart.line([before[step % before.length], after[step % after.length]], `curve ${colour} ${point.stable ? "thick" : "unstable"}`);
     });
-    for (const point of line.filter(({ dot }) => dot)) points(point).forEach((place) => chart.dot(...place, `dot ${colour}`, 2));
+    for (const point of line.filter(({ dot }) => dot)) points(point).forEach(([x, y]) => chart.dot(x, y, `dot ${colour}`, 2));
   }
 
-  // Mark a special point; its places with the value that is written beside them, as [text, x, y].
+  // Mark a special point; returns its marks as [text, x, y], with the value that is written beside the first one.
   paintSpecial(chart, special) {
     const own = special.scalars[this.quantity.value];
     const nearest = this.gaits[this.nearestTo(special)];
@@ -153,7 +153,7 @@ class BranchDiagram {
     return values.filter((value) => typeof value === "number").map((y, k) => {
       const [a, b] = [chart.px(special.value), chart.py(this.height(y))];
       const mark = svg(chart.svg, "path", { class: `special ${special.type}`, d: markPath(special.type, a, b, size) });
-      svg(mark, "title").textContent = SPECIAL_WORDS[special.type] ?? special.type;
+      svg(mark, "title").textContent = SPECIAL_NAMES[special.type] ?? special.type;
       return [k === 0 && special.type in MARKS ? String(Number(special.value.toPrecision(4))) : "", a, b];
     });
   }
@@ -188,7 +188,7 @@ class BranchDiagram {
   }
 
   describe(gait) {
-    return `${this.parameter.words} ${amount(gait.value, this.parameter)}, ${this.scalars[this.quantity.value].words} ${shown(this.value(gait))}, ${sequence(gait.film)}`;
+    return `${this.parameter.name} ${amount(gait.value, this.parameter)}, ${this.scalars[this.quantity.value].name} ${shown(this.value(gait))}, ${sequence(gait.film)}`;
   }
 
   select(index) {
@@ -197,7 +197,7 @@ class BranchDiagram {
     const gait = this.gaits[index];
     this.slider.setAttribute("aria-valuetext", this.describe(gait));
     this.mark();
-    this.choose(gait, `Branch ${gait.branch}, ${this.parameter.words} = ${amount(gait.value, this.parameter)}`);
+    this.choose(gait, `Branch ${gait.branch}, ${this.parameter.name} = ${amount(gait.value, this.parameter)}`);
   }
 
   // Select a gait and bring it into view.
@@ -224,7 +224,7 @@ class BranchDiagram {
       const cells = [String(number), modeBar(middle.film, 1), sequence(middle.film), `${low} to ${high}`, `${stable} of ${gaits.length}`];
       return html("tr", {}, ...cells.map((cell) => html("td", {}, cell)));
     });
-    const head = ["branch", "one cycle", "mode sequence", this.axis, "stable gaits"].map((words) => html("th", { scope: "col" }, words));
+    const head = ["branch", "one cycle", "mode sequence", this.axis, "stable gaits"].map((heading) => html("th", { scope: "col" }, heading));
     const table = html("table", { class: "sequences" }, html("thead", {}, html("tr", {}, ...head)), html("tbody", {}, ...rows));
     const modes = this.gaits.flatMap((gait) => gait.film.phases.map((phase) => phase.mode));
     return html("div", { class: "scroll", tabindex: 0, role: "group", "aria-label": "mode sequences" }, table, modeKey(modes));
@@ -233,14 +233,14 @@ class BranchDiagram {
   specialList() {
     const list = html("ul", { class: "specials" });
     for (const special of this.specials) {
-      const words = `${special.bound ? "the request ends" : SPECIAL_WORDS[special.type] ?? special.type} at ${amount(special.value, this.parameter)} (branch ${special.branch}${special.next?.length ? ` to ${special.next.join(", ")}` : ""}${special.status === "guess" ? ", only bracketed" : ""})`;
-      const button = html("button", { type: "button" }, words);
+      const sentence = `${special.bound ? "the request ends" : SPECIAL_NAMES[special.type] ?? special.type} at ${amount(special.value, this.parameter)} (branch ${special.branch}${special.next?.length ? ` to ${special.next.join(", ")}` : ""}${special.status === "guess" ? ", only bracketed" : ""})`;
+      const button = html("button", { type: "button" }, sentence);
       const nearest = this.nearestTo(special);
       button.disabled = nearest < 0;
       button.addEventListener("click", () => this.show(nearest));
       list.append(html("li", {}, button, special.reason && !special.bound ? ` ${special.reason}` : ""));
     }
-    for (const words of this.cascades) list.append(html("li", {}, `Cascade: ${words}`));
+    for (const cascade of this.cascades) list.append(html("li", {}, `Cascade: ${cascade}`));
     return list;
   }
 }

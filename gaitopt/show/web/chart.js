@@ -53,9 +53,9 @@ class Chart {
     label.setAttribute("transform", `translate(12 ${(top + bottom) / 2}) rotate(-90)`);
   }
 
-  text(x, y, words, anchor) {
+  text(x, y, content, anchor) {
     const element = svg(this.svg, "text", { x, y, "text-anchor": anchor });
-    element.textContent = words.replace("-", "−");
+    element.textContent = content.replace("-", "−");
     return element;
   }
 
@@ -87,8 +87,8 @@ function extent(values) {
   return values.filter(Number.isFinite).reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
 }
 
-function padded([low, high], part) {
-  const pad = high > low ? part * (high - low) : PADDING * Math.abs(high) || 1e-3;
+function padded([low, high], fraction) {
+  const pad = high > low ? fraction * (high - low) : PADDING * Math.abs(high) || 1e-3;
   return [low - pad, high + pad];
 }
 

@@ -41,10 +41,10 @@ function interpolation(points, count) {
 }
 
 function weightsAt(points, s) {
-  const places = Array.from({ length: points }, (_, k) => -Math.cos((Math.PI * k) / (points - 1)));
-  const exact = places.findIndex((place) => Math.abs(place - s) < 1e-12);
-  if (exact >= 0) return places.map((_, k) => (k === exact ? 1 : 0));
-  const parts = places.map((place, k) => ((-1) ** k * (k === 0 || k === points - 1 ? 0.5 : 1)) / (s - place));
-  const sum = parts.reduce((total, part) => total + part, 0);
-  return parts.map((part) => part / sum);
+  const nodes = Array.from({ length: points }, (_, k) => -Math.cos((Math.PI * k) / (points - 1)));
+  const exact = nodes.findIndex((node) => Math.abs(node - s) < 1e-12);
+  if (exact >= 0) return nodes.map((_, k) => (k === exact ? 1 : 0));
+  const weights = nodes.map((node, k) => ((-1) ** k * (k === 0 || k === points - 1 ? 0.5 : 1)) / (s - node));
+  const sum = weights.reduce((total, weight) => total + weight, 0);
+  return weights.map((weight) => weight / sum);
 }

@@ -185,11 +185,11 @@ function multiplierPlane(host, gait) {
       const size = Math.max(Math.abs(re), Math.abs(im)) / reach;
       const [x, y] = size > 1 ? [re / size, im / size] : [re, im];
       chart.dot(x, y, `dot ${Math.hypot(re, im) < 1 ? "first" : "second"}`, 5);
-      const place = `${chart.px(x).toFixed(0)} ${chart.py(y).toFixed(0)}`;
-      if (size > 1) beyond.set(place, [...(beyond.get(place) ?? []), shown(Number(Math.hypot(re, im).toPrecision(3)))]);
+      const edge = `${chart.px(x).toFixed(0)} ${chart.py(y).toFixed(0)}`;
+      if (size > 1) beyond.set(edge, [...(beyond.get(edge) ?? []), shown(Number(Math.hypot(re, im).toPrecision(3)))]);
     }
-    for (const [place, sizes] of beyond) {
-      const [x, y] = place.split(" ").map(Number);
+    for (const [edge, sizes] of beyond) {
+      const [x, y] = edge.split(" ").map(Number);
       chart.text(x + (x > chart.px(0) ? 6 : -6), y - 9, sizes.join(", "), x > chart.px(0) ? "end" : "start");
     }
   });
@@ -200,7 +200,7 @@ function multiplierPlane(host, gait) {
 // Table of the multipliers with their moduli; one line per conjugate pair.
 function multiplierList({ multipliers }) {
   const body = html("tbody");
-  const cells = (tag, words) => words.map((word) => html(tag, tag === "th" ? { scope: "col" } : { class: "number" }, word));
+  const cells = (tag, texts) => texts.map((text) => html(tag, tag === "th" ? { scope: "col" } : { class: "number" }, text));
   const paired = (re, im) => im !== 0 && multipliers.some(([a, b]) => a === re && b === -im);
   for (const [re, im] of multipliers.filter(([re, im]) => im >= 0 || !paired(re, im)))
     body.append(html("tr", {}, ...cells("td", [shown(re), `${paired(re, im) ? "±" : ""}${shown(im)}`, shown(Math.hypot(re, im))])));
@@ -237,7 +237,7 @@ function pairs(x, y) {
 
 function legend(host, entries, note = "") {
   const key = html("p", { class: "key" });
-  for (const [colour, words] of entries) key.append(html("span", {}, html("span", { class: `swatch ${colour}` }), ` ${words}`));
+  for (const [colour, label] of entries) key.append(html("span", {}, html("span", { class: `swatch ${colour}` }), ` ${label}`));
   if (note) key.append(html("span", {}, note));
   host.lastElementChild.append(key);
 }

@@ -11,9 +11,9 @@ function badge(gait) {
 
 // The modes of every step and the impact that ends it.
 function sequence(film) {
-  const steps = Array.from({ length: film.steps }, (_, step) => film.phases.filter((phase) => phase.step === step).map(({ words }) => words));
-  const words = steps.map((modes, step) => `${modes.filter((mode, k) => mode !== modes[k - 1]).join(film.contacts.length > 1 ? " → " : ", ")}; ${film.cycle_end}: ${film.impacts[step]}`);
-  return words.length > 1 && new Set(words).size === 1 ? `${words.length} times ${words[0]}` : words.join(" | ");
+  const steps = Array.from({ length: film.steps }, (_, step) => film.phases.filter((phase) => phase.step === step).map(({ label }) => label));
+  const titles = steps.map((modes, step) => `${modes.filter((mode, k) => mode !== modes[k - 1]).join(film.contacts.length > 1 ? " → " : ", ")}; ${film.cycle_end}: ${film.impacts[step]}`);
+  return titles.length > 1 && new Set(titles).size === 1 ? `${titles.length} times ${titles[0]}` : titles.join(" | ");
 }
 
 class GaitPanel {
@@ -55,21 +55,21 @@ function numbersTable(host, gaits, labels) {
   const body = html("tbody");
   const names = gaits.map((gait) => gait.film.name);
   const head = ["", "unit", ...(gaits.length > 1 ? names : ["value"]), ...(gaits.length === 2 ? ["difference"] : [])];
-  const row = (words, unit, values) => {
+  const row = (name, unit, values) => {
     if (values.every((value) => value === undefined || value === null)) return;
     const cells = values.map(shown);
     if (values.length === 2) cells.push(values.every((v) => typeof v === "number") ? shown(values[1] - values[0]) : "");
-    body.append(html("tr", {}, html("th", { scope: "row" }, words), html("td", {}, unit), ...cells.map((cell) => html("td", { class: "number" }, cell))));
+    body.append(html("tr", {}, html("th", { scope: "row" }, name), html("td", {}, unit), ...cells.map((cell) => html("td", { class: "number" }, cell))));
   };
   const slips = gaits.some(({ film }) => film.phases.some(({ mode }) => !(mode in STROKES)));
-  for (const [key, { words, unit }] of Object.entries(labels.scalars)) row(slips && key === "required_friction" ? labels.slipping : words, unit, gaits.map((gait) => gait.scalars[key]));
+  for (const [key, { name, unit }] of Object.entries(labels.scalars)) row(slips && key === "required_friction" ? labels.slipping : name, unit, gaits.map((gait) => gait.scalars[key]));
   const states = [...new Set(gaits.flatMap((gait) => Object.keys(gait.state)))];
   for (const name of states.filter((name) => name !== "x")) {
     row(`${labels.symbols[name] ?? name} ${gaits[0].film.cycle_start}`, labels.units[name], gaits.map((gait) => gait.state[name]));
   }
   const freed = [...new Set(gaits.flatMap((gait) => Object.keys(gait.parameters)))];
-  for (const key of freed) row(`${labels.parameters[key].words} (free)`, labels.parameters[key].unit, gaits.map((gait) => gait.parameters[key]));
-  const titles = head.map((words) => html("th", { scope: "col" }, words));
+  for (const key of freed) row(`${labels.parameters[key].name} (free)`, labels.parameters[key].unit, gaits.map((gait) => gait.parameters[key]));
+  const titles = head.map((heading) => html("th", { scope: "col" }, heading));
   host.replaceChildren(html("table", {}, html("thead", {}, html("tr", {}, ...titles)), body));
 }
 
@@ -84,8 +84,8 @@ function amount(value, { unit }) {
 }
 
 // The label of an axis.
-function axisOf({ words, unit }) {
-  return unit ? `${words} [${unit}]` : words;
+function axisOf({ name, unit }) {
+  return unit ? `${name} [${unit}]` : name;
 }
 
 // Buttons that bring one of several gaits into view where they do not fit side by side.

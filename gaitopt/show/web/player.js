@@ -48,10 +48,10 @@ class Player {
 
 function modeBar(film, repeats) {
   const bar = html("div", { class: "modes", role: "img" });
-  bar.setAttribute("aria-label", film.phases.map((phase) => phase.words).join(", "));
+  bar.setAttribute("aria-label", film.phases.map((phase) => phase.label).join(", "));
   for (let step = 0; step < repeats; step += 1)
-    for (const { mode, words, start, end } of film.phases) {
-      const piece = html("span", { class: mode, title: `${words}, ${(end - start).toPrecision(3)} s` });
+    for (const { mode, label, start, end } of film.phases) {
+      const piece = html("span", { class: mode, title: `${label}, ${(end - start).toPrecision(3)} s` });
       piece.style.flexGrow = end - start;
       bar.append(piece);
     }

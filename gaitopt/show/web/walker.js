@@ -29,12 +29,12 @@ class Walker {
   build(host) {
     const degrees = (this.film.slope * 180) / Math.PI;
     const tilt = Math.abs(degrees) < 0.005 ? "level ground" : `slope ${Number(degrees.toPrecision(3))}°`;
-    this.words = html("span");
-    host.append(html("div", { class: "words" }, this.words, html("span", {}, tilt)));
+    this.caption = html("span");
+    host.append(html("div", { class: "caption" }, this.caption, html("span", {}, tilt)));
     const picture = svg(host, "svg", { viewBox: `0 0 ${VIEW.width} ${VIEW.height}`, class: "walker", role: "img" });
     picture.setAttribute("aria-label", `moving picture of ${this.film.name}`);
-    const place = `translate(${VIEW.width / 2} ${GROUND_AT * VIEW.height}) rotate(${degrees})`;
-    this.world = svg(svg(picture, "g", { transform: place }), "g");
+    const transform = `translate(${VIEW.width / 2} ${GROUND_AT * VIEW.height}) rotate(${degrees})`;
+    this.world = svg(svg(picture, "g", { transform }), "g");
     for (const [left, right, low, high, change] of this.film.tiles.filter((tile) => tile[4])) {
       const depth = TILE_DEPTH * this.height;
       const d = `M${left} ${low}L${right} ${high}V${high - depth}L${left} ${low - depth}Z`;
@@ -81,8 +81,8 @@ class Walker {
     this.lens.classList.toggle("away", !phase.closeup);
     this.rim.setAttribute("class", "rim");
     if (!phase.closeup) return;
-    const [n, place] = phase.closeup;
-    const [mode, middle, { mark }] = [phase.contacts[n], place + offset, this.film.contacts[n]];
+    const [n, middleInCycle] = phase.closeup;
+    const [mode, middle, { mark }] = [phase.contacts[n], middleInCycle + offset, this.film.contacts[n]];
     const [friction, tilt] = this.under(phase, n);
     const base = this.film.tiles.length ? this.frames[`y${mark}`][phase.first] : 0;
     if (mode in MARK_DEPTH) this.rim.classList.add("glows", mode);
@@ -103,7 +103,7 @@ class Walker {
     const y = (base - points[mark][1]) * this.lensScale;
     set(this.foot, { cx: x, cy: y, class: `foot ${mode}` });
     const carries = !phase.undetermined[n];
-    for (const part of [this.lensCone, this.lensForce]) part.style.display = carries ? "" : "none";
+    for (const shape of [this.lensCone, this.lensForce]) shape.style.display = carries ? "" : "none";
     if (!carries) return;
     const unit = LENS.weight / this.film.weight;
     const tip = [x + unit * this.at(`f_t${n}`, frame), y - unit * this.at(`f_n${n}`, frame)];
@@ -177,22 +177,22 @@ class Walker {
     this.film.discs.forEach(([k], n) => set(this.discs[n], { cx: points[k][0], cy: points[k][1] }));
     this.film.contacts.forEach(({ point }, n) => {
       const carries = phase.contacts[n] && !phase.undetermined[n];
-      for (const part of [this.cones[n], this.forces[n]]) part.style.display = carries ? "" : "none";
+      for (const shape of [this.cones[n], this.forces[n]]) shape.style.display = carries ? "" : "none";
       if (carries) this.drawForce(n, points[point], frame, this.under(phase, n));
     });
     if (this.lens) this.drawMagnifier(phase, points, offset, frame, step);
     const slipped = 1000 * (this.at("x0", frame) - phase.origin);
     const known = this.film.contacts.length === 1 && phase.mode !== "flight" && Math.abs(slipped) >= 0.05;
-    this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${phase.words}${known ? `, slid by ${slipped.toFixed(1)} mm` : ""}`;
+    this.caption.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${phase.label}${known ? `, slid by ${slipped.toFixed(1)} mm` : ""}`;
   }
 
-  // Place and height of the picture at a time of the cycle, interpolated between the starts of the steps.
+  // Position and height of the picture at a time of the cycle, interpolated between the starts of the steps.
   along(t) {
     const { path } = this.film;
     const k = Math.max(1, path.findIndex(([time]) => time >= t));
     const [[t0, x0, y0 = 0], [t1, x1, y1 = 0]] = [path[k - 1], path[k]];
-    const part = (t - t0) / (t1 - t0);
-    return [x0 + (x1 - x0) * part, y0 + (y1 - y0) * part];
+    const fraction = (t - t0) / (t1 - t0);
+    return [x0 + (x1 - x0) * fraction, y0 + (y1 - y0) * fraction];
   }
 
   // The two legs change their roles at every impact, so their colours follow the leg and not the role.
@@ -246,6 +246,6 @@ class Walker {
 // The path of an arrow from one point to another, with a head of a given length.
 function arrow([x, y], [u, v], size) {
   const length = Math.max(Math.hypot(u - x, v - y), 1e-9);
-  const [a, b] = [(u - x) / length, (v - y) / length].map((part) => size * part);
+  const [a, b] = [(u - x) / length, (v - y) / length].map((component) => size * component);
   return `M${x} ${y}L${u} ${v}M${u - a - b / 2} ${v - b + a / 2}L${u} ${v}L${u - a + b / 2} ${v - b - a / 2}`;
 }

@@ -11,8 +11,8 @@ class Walks {
   }
 
   addButtons(choice) {
-    this.buttons = this.walks.map(({ words }, k) => {
-      const button = html("button", { type: "button", "aria-pressed": "false" }, words);
+    this.buttons = this.walks.map(({ title }, k) => {
+      const button = html("button", { type: "button", "aria-pressed": "false" }, title);
       button.addEventListener("click", () => this.select(k, true));
       return button;
     });
@@ -35,7 +35,7 @@ class Walks {
       chart.svg.addEventListener("click", (event) => this.select(this.nearest(event), true));
     });
     const endings = [["walks", "walks on"], ["falls", "falls"], ["beyond", "ends otherwise"]];
-    const key = endings.map(([style, words]) => html("span", {}, html("span", { class: `swatch cell ${style}` }), ` ${words}`));
+    const key = endings.map(([style, label]) => html("span", {}, html("span", { class: `swatch cell ${style}` }), ` ${label}`));
     host.append(html("p", { class: "key" }, ...key, html("span", {}, "Cross: the gait.")));
   }
 
@@ -47,10 +47,10 @@ class Walks {
 
   select(index, play = !STILL.matches) {
     this.chosen = index;
-    const { film, words, message } = this.walks[index];
+    const { film, title, message } = this.walks[index];
     this.buttons?.forEach((button, k) => button.setAttribute("aria-pressed", String(k === index)));
     if (this.chart?.svg) this.chart.redraw();
-    this.said.textContent = `${words}: ${message}`;
+    this.said.textContent = `${title}: ${message}`;
     const settings = { speed: this.player?.settings.speed ?? FIRST_SPEED, playing: play };
     this.player?.play(false);
     this.stage.replaceChildren();
