@@ -173,7 +173,7 @@ def test_stored_sweeps_keep_their_names(how, part, key):
     """The names are those that version 0.2 gave."""
     grid = Grid((axis_of("friction", 0.1, 0.3, 3),))
     plan = SweepPlan(problem=go.load_problem("rimless-wheel-slip"), grid=grid, folder=FOLDER, **how)
-    assert (plan.run.part, plan.jobs[1].key[:12]) == (part, key)
+    assert (plan.run.subfolder, plan.jobs[1].key[:12]) == (part, key)
 
 
 def test_stored_attractors_keep_their_names():
@@ -182,15 +182,15 @@ def test_stored_attractors_keep_their_names():
         problem = go.load_problem("compass-passive-a")
         return AttractorsPlan(problem=problem, axis=axis, folder=FOLDER, engine="scipy", **how)
 
-    assert (plan().run.part, plan().jobs[1].key[:12]) == ("attractors-039ebd4b", "b963b63615e4")
-    assert plan(starts=3, transient=20, keep=8, seed=5).run.part != "attractors-039ebd4b"
+    assert (plan().run.subfolder, plan().jobs[1].key[:12]) == ("attractors-039ebd4b", "b963b63615e4")
+    assert plan(starts=3, transient=20, keep=8, seed=5).run.subfolder != "attractors-039ebd4b"
 
 
 def test_stored_basins_searches_and_starts_keep_their_names():
     problem = go.load_problem("compass-passive-a")
     grid = Grid((axis_of("theta1", "-12 deg", "-6 deg", 5),))
     plan = BasinPlan.around(problem, grid, requests.BasinRequest(engine=Engine.SCIPY), FOLDER)
-    assert plan.run.part == "basin-8d87ccfb"
+    assert plan.run.subfolder == "basin-8d87ccfb"
     unknown = with_open_modes(problem)
     for how, simulation, families in (
         ({}, "23e27139afef", "1592f0e64dbb"),

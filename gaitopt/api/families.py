@@ -145,7 +145,7 @@ def continuation_records(
 ) -> Iterator[dict[str, Any]]:
     """Continue a gait as ``continuation`` does, and yield each point as a JSON object once it is stored on disk.
 
-    Gaits are not held in memory.
+    Gaits are not kept in memory.
 
     Parameters
     ----------
@@ -438,15 +438,15 @@ def robustness(
       that does not return.
     - ``sensitivity``: the gait sensitivity norm (Hobbelen & Wisse 2007): the root of the sum of the squares of the
       changes that one tile causes in all steps, from friction, height and slope to period, step length, clearance and
-      least distance to the friction cone. The derivatives are exact for a walker on one foot; for several contacts they
-      are extrapolated from differences of walks.
+      smallest distance to the friction cone. The derivatives are exact for a walker on one foot; for several contacts
+      they are extrapolated from differences of walks.
     - ``falls``: mean number of steps to a fall on random tiles, its 99 % interval, and the metastable eigenvalue with
       the mean number of steps that follows from it, also where falls are too rare to be counted.
 
     Parameters
     ----------
     gait : a stable gait, or its problem, name or path.
-    what : one or more of these words, separated by commas; all by default.
+    what : one or more of these names, separated by commas; all by default.
     over : dotted key of the parameter of the range; friction by default.
     random : distribution of the tiles on which falls are counted, see ``Floor.random``; by default, friction is uniform
         within 20 % of that of the problem.
@@ -516,7 +516,7 @@ def atlas(
     Returns
     -------
     atlas : regions, curves, codimension-two points, and the branches. Where the family folds over itself, every region
-        and curve has the number of its sheet. A place is ``unknown`` where the family could not be followed, and ``no
+        and curve has the number of its sheet. A region is ``unknown`` where the family could not be followed, and ``no
         gait`` where a fold or another end of the family lies between it and the gaits.
 
     Raises

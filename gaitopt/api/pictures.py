@@ -147,18 +147,18 @@ def save_figures(
 
 
 @contextmanager
-def adding(place: Path) -> Iterator[list[Path]]:
+def adding(folder: Path) -> Iterator[list[Path]]:
     """Write figures or pages into a folder, which is made if necessary; the block collects the files in the list.
 
     Files in a run folder get checksums.
     """
-    for folder in (place, *place.resolve().parents):
-        if _is_run(folder):
-            with Run(folder).adding(place) as written:
+    for parent in (folder, *folder.resolve().parents):
+        if _is_run(parent):
+            with Run(parent).adding(folder) as written:
                 yield written
             return
-    make_folder(place)
-    clear_leftovers(place)
+    make_folder(folder)
+    clear_leftovers(folder)
     yield []
 
 

@@ -521,7 +521,7 @@ def explain(
     ----------
     starts, seed, workers : as for ``find``, for the search for gaits with other mode sequences.
     seconds : time limit; the explanation then lacks what the search would have found later, and ``complete`` is False.
-    found : called with the explanation so far, each time that a part is added.
+    found : called with the explanation so far, each time that it grows.
     progress : whether to show it, or a function that is called with a description of each stage.
     parts : called with the number of finished parts of a stage and their total.
     should_stop : polled at every iteration.

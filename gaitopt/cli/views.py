@@ -148,7 +148,7 @@ def plot(
     Branch: multipliers, or any scalar of the result, such as spectral_radius. Sweep: any scalar of the result; give
     the folder of the sweep. Front: front.
     """
-    from gaitopt.runs.results import PARTS, kind_of
+    from gaitopt.runs.results import SUBFOLDER_KINDS, kind_of
     from gaitopt.show.catalogue import ANIMATION, check_gait_figures, figures_of, folder_figures
     from gaitopt.store.files import check_writable
 
@@ -157,7 +157,9 @@ def plot(
     folder, alone = Path(runs[0]), len(runs) == 1
     figures = folder_figures(*map(Path, runs), over=[Path(run) for run in over or ()])
     if figures:
-        target = output or (Path(COMPARISON) if not alone else folder if kind_of(folder) in PARTS else folder / FIGURES)
+        target = output or (
+            Path(COMPARISON) if not alone else folder if kind_of(folder) in SUBFOLDER_KINDS else folder / FIGURES
+        )
     else:
         if not alone and {"methods", ANIMATION} & {*(what or ())}:
             raise typer.BadParameter(f"--what methods and animation show one gait, not {len(runs)}")

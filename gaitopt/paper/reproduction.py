@@ -29,7 +29,7 @@ from gaitopt.paper.gaits import (
 
 PAPER = "gamus-or-2013"
 TABLE = "table"
-"""Name of the table, which is the only part beside the figures."""
+"""Name of the table, which is reproduced beside the figures."""
 OVER_FRICTION = ("fig4", "fig9", "fig11", "fig12")
 """Figures that show families; the others show gaits."""
 
@@ -56,7 +56,7 @@ CLOSED_LOOP_COST = 3
 """Factor of the processor time for gaits that track a reference."""
 
 
-def parts() -> tuple[str, ...]:
+def outputs() -> tuple[str, ...]:
     """Names of all figures, and of the table."""
     return (*SHOWN, TABLE)
 
@@ -100,9 +100,9 @@ def reproduce(
     """
     if paper != PAPER:
         raise UnknownNameError(f"no paper is called {paper!r}; choose from {PAPER}")
-    unknown = [name for name in only if name not in parts()]
+    unknown = [name for name in only if name not in outputs()]
     if unknown:
-        raise UnknownNameError(f"{paper} has no {unknown[0]!r}; choose from {', '.join(parts())}")
+        raise UnknownNameError(f"{paper} has no {unknown[0]!r}; choose from {', '.join(outputs())}")
     archive = Archive(narrate=narrate or (lambda description: None), should_stop=should_stop or (lambda: False))
     folder = RESULTS / paper if output is None else Path(output)
     return write(archive, folder, only, progress or (lambda done, total: None), workers or os.cpu_count() or 1)
@@ -119,9 +119,9 @@ def write(
 
     Returns
     -------
-    paths : paths of the files, in the order of ``parts()``.
+    paths : paths of the files, in the order of ``outputs()``.
     """
-    waiting = needs([name for name in parts() if not only or name in only])
+    waiting = needs([name for name in outputs() if not only or name in only])
     every, names = set().union(*waiting.values()), tuple(waiting)
     needed, met = [need for need in EVERYTHING if need in every], set[Need]()
     written: dict[str, list[Path]] = {}
@@ -139,10 +139,10 @@ def write(
     return [path for name in names for path in written[name]]
 
 
-def needs(parts: Sequence[str]) -> dict[str, set[Need]]:
-    """The results that every part needs; of two results with the same problem, the first in ``EVERYTHING`` is taken."""
-    kinds = {part: Kind.FAMILY if part in OVER_FRICTION else Kind.GAIT for part in parts}
-    needed = {p: {*EVERYTHING} if p == TABLE else {(kinds[p], name) for name in SHOWN[p]} for p in parts}
+def needs(names: Sequence[str]) -> dict[str, set[Need]]:
+    """The gaits and families that every output needs; of two with the same problem, the first in ``EVERYTHING``."""
+    kinds = {name: Kind.FAMILY if name in OVER_FRICTION else Kind.GAIT for name in names}
+    needed = {n: {*EVERYTHING} if n == TABLE else {(kinds[n], gait) for gait in SHOWN[n]} for n in names}
     every = set().union(*needed.values())
 
     def identity(need: Need) -> str:
@@ -153,7 +153,7 @@ def needs(parts: Sequence[str]) -> dict[str, set[Need]]:
     for need in EVERYTHING:
         if need in every:
             first.setdefault(identity(need), need)
-    return {part: {first[identity(need)] for need in required} for part, required in needed.items()}
+    return {name: {first[identity(need)] for need in required} for name, required in needed.items()}
 
 
 def prepared(archive: Archive, needed: Sequence[Need], workers: int) -> Iterator[Need]:

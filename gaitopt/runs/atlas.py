@@ -184,16 +184,16 @@ class Atlas(Reported):
         return data_frame(header, rows, {key: unit_of(key, self.problem) for key in keys}, problem=self.problem.name)
 
 
-def read_atlas(place: Path) -> Atlas:
-    """The atlas in a subfolder of the run folder of its problem."""
-    run = Run.at(place)
+def read_atlas(folder: Path) -> Atlas:
+    """The atlas in a subfolder of the run of its problem."""
+    run = Run.at(folder)
     stated = run.read_record(ATLAS_FILE, AtlasRecord)
-    grid = validated(Grid, {"axes": stated["over"]}, place / ATLAS_FILE)
+    grid = validated(Grid, {"axes": stated["over"]}, folder / ATLAS_FILE)
     first, second = grid.axes
-    return _assembled(run.problem(), (first, second), ATLAS_JOBS.finished(run, stated["jobs"]), place)
+    return _assembled(run.problem(), (first, second), ATLAS_JOBS.finished(run, stated["jobs"]), folder)
 
 
-def _assembled(problem: Problem, axes: tuple[Axis, Axis], records: Sequence[Record], place: Path) -> Atlas:
+def _assembled(problem: Problem, axes: tuple[Axis, Axis], records: Sequence[Record], folder: Path) -> Atlas:
     """The atlas from the records of its jobs: those of branches, curves, and gaits in regions."""
     slices, traces, arrangement, known = _arranged(records, axes)
     checked = {(*record["at"].values(),): record for record in records if "at" in record}
@@ -212,14 +212,14 @@ def _assembled(problem: Problem, axes: tuple[Axis, Axis], records: Sequence[Reco
         arrangement=replace(arrangement, regions=tuple(regions)),
         gaits=tuple(gaits),
         unexplained=tuple((values[j], values[j + 1]) for j in gaps),
-        folder=place,
+        folder=folder,
     )
 
 
 def _arranged(
     records: Iterable[Record], axes: tuple[Axis, Axis]
 ) -> tuple[list[Slice], list[Traced], Arrangement, list[tuple[dict[str, float], Record] | None]]:
-    """Branches, traces, their arrangement; for every region the place and gait in the middle of its longest segment."""
+    """Branches, traces, their arrangement; for every region the gait amid its longest segment, with its parameters."""
     records = [*records]
     slices, traces = _slices(records), _traced(records)
     arrangement = arrange(slices, axes[0].ends, traces)
@@ -274,7 +274,7 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
             checked = self._completed(workers, checks)
         done = {**branches, **traces, **checked}
         self.run.write({ATLAS_FILE: json_file({"over": [asdict(axis) for axis in self.axes], "jobs": [*done]})})
-        return _assembled(self.problem, self.axes, [*done.values()], self.run.place)
+        return _assembled(self.problem, self.axes, [*done.values()], self.run.result_folder)
 
     def _branches_and_curves(self, jobs: ResumableJobs) -> tuple[dict[str, Record], dict[str, Record]]:
         """The records of all branches and of all traced curves, by the keys of their jobs."""
@@ -328,10 +328,10 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
             special, value = family[j].specials[k], family[j].value
             if not is_traceable(special):
                 continue
-            kind, place = str(special["type"]), (float(special["value"]), value)
+            kind, point = str(special["type"]), (float(special["value"]), value)
             alone = (kind, str(special.get("from")), str(special.get("to")))
-            covered = any(trace.steps == family[j].steps and trace.covers(kind, place, self.sizes) for trace in known)
-            job = self._job(trace_job, ["trace", kind, place], untraced(kind), self.axes, value, dict(special))
+            covered = any(trace.steps == family[j].steps and trace.covers(kind, point, self.sizes) for trace in known)
+            job = self._job(trace_job, ["trace", kind, point], untraced(kind), self.axes, value, dict(special))
             if not covered and alone not in types and job.key not in traces:
                 types.add(alone)
                 yield job
@@ -339,8 +339,8 @@ class AtlasPlan(Plan[Atlas], AtlasRequest):
     def _begun(self, traces: Mapping[str, Record]) -> Iterator[Job]:
         """A job for every curve that begins at a codimension-two point, or passes through it, and is not traced yet."""
         for special, number in begun_curves(traces, self.sizes, self._most_steps):
-            kind, place = special["next"][number]["type"], [*special["values"].values()]
-            job = self._job(next_job, ["next", kind, place], untraced(kind), self.axes, dict(special), number)
+            kind, point = special["next"][number]["type"], [*special["values"].values()]
+            job = self._job(next_job, ["next", kind, point], untraced(kind), self.axes, dict(special), number)
             if job.key not in traces:
                 yield job
 
@@ -410,16 +410,16 @@ def begun_curves(traces: Mapping[str, Record], sizes: Array, most: int) -> Itera
     for key, record in traces.items():
         others = [trace for other, found in known.items() if other != key for trace in found]
         for special in record["located"]:
-            place = np.array([*special["values"].values()])
+            point = np.array([*special["values"].values()])
             for number, start in enumerate(special["next"]):
                 kind, steps = start["type"], len(start.get("gait", special["gait"]).get("steps", (1,)))
                 same = (
-                    alike(kind, other) and steps == count and np.allclose(place, at, rtol=SAME_VALUE)
+                    alike(kind, other) and steps == count and np.allclose(point, at, rtol=SAME_VALUE)
                     for other, count, at in begun
                 )
-                traced = (trace.steps == steps and trace.covers(kind, place.tolist(), sizes) for trace in others)
+                traced = (trace.steps == steps and trace.covers(kind, point.tolist(), sizes) for trace in others)
                 if steps <= most and not any(same) and not any(traced):
-                    begun.append((kind, steps, place))
+                    begun.append((kind, steps, point))
                     yield special, number
 
 
@@ -541,9 +541,9 @@ def _doubled(
     origins = [r for r in own if isinstance(r, SpecialPoint) and r.type == "period_doubling" and r.value in kept]
     for origin, walk in ((origin, walk) for origin in origins for walk in others if walk[0].branch in origin.next):
         segments, specials = _cut([origin, *walk], 0, key)
-        part = {"segments": segments, "specials": specials}
+        doubled = {"segments": segments, "specials": specials}
         if segments:
-            found.append({**part, "doubled": _doubled(part, walk, others, key)})
+            found.append({**doubled, "doubled": _doubled(doubled, walk, others, key)})
     return found
 
 

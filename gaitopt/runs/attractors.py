@@ -113,12 +113,12 @@ class Attractors(Plotted):
         return data_frame(header, rows, {name: units.get(name, "") for name in header}, problem=self.problem.name)
 
 
-def read_attractors(place: Path) -> Attractors:
-    """The attractors in a folder, which is a part of the run of its problem."""
-    run = Run.at(place)
+def read_attractors(folder: Path) -> Attractors:
+    """The attractors in a subfolder of the run of their problem."""
+    run = Run.at(folder)
     stated = run.read_record(ATTRACTORS_FILE, AttractorsRecord)
-    problem, axis = run.problem(), validated(Axis, stated["over"], place / ATTRACTORS_FILE)
-    return Attractors(problem=problem, axis=axis, records=SETTLED.finished(run, stated["jobs"]), folder=place)
+    problem, axis = run.problem(), validated(Axis, stated["over"], folder / ATTRACTORS_FILE)
+    return Attractors(problem=problem, axis=axis, records=SETTLED.finished(run, stated["jobs"]), folder=folder)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +135,7 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
 
     @cached_property
     def run(self) -> Run:
-        """The part of the run with its files."""
+        """The run, with the subfolder of the files."""
         return Run(self.folder, f"attractors-{key_of([str(self.axis), *self.request.identity])[:8]}")
 
     @cached_property
@@ -155,7 +155,7 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
         records = all_results(jobs, settle_job, self.jobs, "value")
         summary = {"over": asdict(self.axis), "jobs": [job.key for job in self.jobs]}
         self.run.write({ATTRACTORS_FILE: json_file(summary)})
-        return Attractors(problem=self.problem, axis=self.axis, records=records, folder=self.run.place)
+        return Attractors(problem=self.problem, axis=self.axis, records=records, folder=self.run.result_folder)
 
     @cached_property
     def jobs(self) -> list[Job]:

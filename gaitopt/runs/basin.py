@@ -279,18 +279,18 @@ class Basin(Plotted, ReadOnlyArrays):
         }
 
 
-def read_basin(place: Path) -> Basin:
-    """The basin in a folder, which is a part of the run of its problem."""
-    run = Run.at(place)
+def read_basin(folder: Path) -> Basin:
+    """The basin in a subfolder of the run of its problem."""
+    run = Run.at(folder)
     stored = run.read_record(BASIN_FILE, BasinRecord)
-    grid = validated(Grid, {"axes": stored["over"]}, place / BASIN_FILE)
-    check_room(grid.size, place, disk=0, memory=STATE_BYTES_MEMORY)
+    grid = validated(Grid, {"axes": stored["over"]}, folder / BASIN_FILE)
+    check_room(grid.size, folder, disk=0, memory=STATE_BYTES_MEMORY)
     floor = Floor.from_record(stored["floor"]) if "floor" in stored else None
     problem, freed = run.problem(), stored.get("parameters", {})
     if freed and freed.keys() != problem.free.keys():
-        raise StorageError(f"{place / BASIN_FILE}: parameters are not those that {problem.name} frees")
+        raise StorageError(f"{folder / BASIN_FILE}: parameters are not those that {problem.name} frees")
     basin = assemble_basin(run, problem, grid, stored["base"], floor, freed)
-    check_agrees(place / BASIN_FILE, stored, basin.to_record(), "the grid of tiles")
+    check_agrees(folder / BASIN_FILE, stored, basin.to_record(), "the grid of tiles")
     return basin
 
 
@@ -310,7 +310,7 @@ def assemble_basin(
     return Basin(
         problem=problem, grid=grid, base=base, attractors=tuple(gaits),
         labels=labels.reshape(grid.shape), endings=endings.reshape(grid.shape), steps=steps.reshape(grid.shape),
-        floor=floor, freed=freed, folder=run.place,
+        floor=floor, freed=freed, folder=run.result_folder,
     )  # fmt: skip
 
 
@@ -391,7 +391,7 @@ class BasinPlan(Plan[Basin], BasinRequest):
 
     @property
     def run(self) -> Run:
-        """The part of the run with the basin's tiles and figures."""
+        """The run, with the subfolder of the basin's tiles and figures."""
         return Run(self.folder, f"basin-{self.key}")
 
     def check(self) -> None:

@@ -147,7 +147,7 @@ class Grid:
         Raises
         ------
         ArgumentError
-            If the grid has several axes.
+            If the grid has more than one axis.
         """
         if len(self.axes) != 1:
             raise ArgumentError("over", f"has {len(self.axes)} keys, but must have one: give KEY and its range once")

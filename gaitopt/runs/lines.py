@@ -110,8 +110,8 @@ class CurveFile:
                 points.append(point(record))
                 gait = points[-1].gait
                 if not closing_error(gait.steps) < LARGEST_CLOSING_ERROR * max(1.0, gait.spectral_radius or 0.0):
-                    place = f"point {record[self.number]}.{record['index']}"
-                    raise damaged(path, f"{place}: its motion is not periodic")
+                    point_name = f"point {record[self.number]}.{record['index']}"
+                    raise damaged(path, f"{point_name}: its motion is not periodic")
         except (KeyError, IndexError, TypeError, ValueError) as error:
             raise StorageError(f"{path} does not contain a {self.noun} ({error!r})") from error
         return tuple(points), tuple(specials)
@@ -199,8 +199,10 @@ class LinesPlan(ABC, Generic[Start, Line]):
         before, now = ({k: v for k, v in head.items() if k not in efforts} for head in (request, self.head))
         if before != now:
             stated = ", ".join(f"{key} {value}" for key, value in before.items() if value is not None)
-            words = f"contains another {self.file.noun} ({stated}); it was not changed: delete it, or choose another"
-            raise StorageError(f"{self.folder} {words}").concerning("output")
+            raise StorageError(
+                f"{self.folder} contains another {self.file.noun} ({stated}); it was not changed: delete it, or choose "
+                "another"
+            ).concerning("output")
         return records
 
     def records(self, start: Start, *, should_stop: Stop = None) -> Iterator[dict[str, Any]]:
@@ -220,8 +222,9 @@ class LinesPlan(ABC, Generic[Start, Line]):
         try:
             points = self.follow(start, done, should_stop)
         except StorageError as error:
-            words = f"{self.run.path(self.file.name)}: {error}; delete the folder, or name another one"
-            raise StorageError(words) from error
+            raise StorageError(
+                f"{self.run.path(self.file.name)}: {error}; delete the folder, or name another one"
+            ) from error
         with self.run.appending(self.file.name) as lines:
             for point in points:
                 record = point.to_record()

@@ -178,7 +178,7 @@ KINDS: Mapping[str, tuple[str, Callable[[Path], Result]]] = {
 counts."""
 
 
-PARTS = ("sweep", "basin", "attractors", "robustness", "atlas")
+SUBFOLDER_KINDS = ("sweep", "basin", "attractors", "robustness", "atlas")
 """Kinds of results that lie in a subfolder KIND-KEY of a run folder."""
 
 
@@ -188,10 +188,10 @@ def kind_of(folder: Path) -> str:
     A subfolder of a run is identified by its name, so that reading an unfinished one raises an error.
     """
     try:
-        part = folder.name.partition("-")[0]
-        if part in PARTS and folder.is_dir() and not (folder / MANIFEST_FILE).exists():
-            return part
-        return next((kind for kind, (name, _) in KINDS.items() if any(folder.glob(name))), "")
+        name = folder.name.partition("-")[0]
+        if name in SUBFOLDER_KINDS and folder.is_dir() and not (folder / MANIFEST_FILE).exists():
+            return name
+        return next((kind for kind, (file, _) in KINDS.items() if any(folder.glob(file))), "")
     except OSError:  # the text cannot be the name of a folder
         return ""
 
@@ -243,6 +243,6 @@ def refuse_other_results(folder: Path) -> None:
     others = [f"a {kind}" for kind in ("branch", "trace", "walk", "front") if any(folder.glob(KINDS[kind][0]))]
     if others:
         raise StorageError(f"{folder} holds {' and '.join(others)}, but no gait")
-    subfolders = sorted(str(file.parent) for kind in PARTS for file in folder.glob(f"*/{KINDS[kind][0]}"))
+    subfolders = sorted(str(file.parent) for kind in SUBFOLDER_KINDS for file in folder.glob(f"*/{KINDS[kind][0]}"))
     if subfolders:
         raise StorageError(f"{folder} contains no gait; give the folder of its result: {' or '.join(subfolders)}")

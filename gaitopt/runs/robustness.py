@@ -117,21 +117,21 @@ class Robustness(Reported):
         return found
 
 
-def _falls_record(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _falls_record(groups: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The record of the falls of all walks, from the records of groups of walks."""
-    completed = np.concatenate([part["completed"] for part in parts])
+    completed = np.concatenate([group["completed"] for group in groups])
     mean, interval = mean_steps(completed)
     endings = Counter[str]()
-    for part in parts:
-        endings.update(part["endings"])
+    for group in groups:
+        endings.update(group["endings"])
     return {
         "mean_steps": mean,
         "interval": list(interval),
         "walks": completed.size,
         "steps": int(np.abs(completed).sum()),
         "endings": dict(endings),
-        "floor": parts[0]["floor"],
-        "seed": parts[0]["seed"],
+        "floor": groups[0]["floor"],
+        "seed": groups[0]["seed"],
     }
 
 
@@ -149,12 +149,12 @@ def shown_limit(kind: str, value: Mapping[str, Any]) -> float | None:
     return None if limit is None else float(limit) if kind.startswith("friction") else abs(float(limit))
 
 
-def read_robustness(place: Path) -> Robustness:
-    """The result in a folder, which is a part of the run of its problem."""
-    run = Run.at(place)
+def read_robustness(folder: Path) -> Robustness:
+    """The result in a subfolder of the run of its problem."""
+    run = Run.at(folder)
     stated = run.read_record(ROBUSTNESS_FILE, RobustnessRecord)
     figures = {record["figure"]: record["value"] for record in FIGURES.finished(run, stated["jobs"])}
-    return Robustness(problem=run.problem(), figures=figures, folder=place)
+    return Robustness(problem=run.problem(), figures=figures, folder=folder)
 
 
 def check_question(problem: Problem, request: RobustnessRequest) -> None:
@@ -186,7 +186,7 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
 
     @cached_property
     def run(self) -> Run:
-        """The part of the run with its files."""
+        """The run, with the subfolder of the files."""
         return Run(self.folder, f"robustness-{key_of([job.key for job in self.jobs])[:8]}")
 
     @property
@@ -207,8 +207,10 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
         require_converged(self.gait)
         if not self.gait.stable:
             radius = self.gait.scalar("spectral_radius")
-            words = "so that no walk returns to it; `gaitopt stabilise` finds a law that walks it stably"
-            error = SolveError(f"{self.problem.name} is unstable, its spectral radius is {radius:.6g}, {words}")
+            error = SolveError(
+                f"{self.problem.name} is unstable, its spectral radius is {radius:.6g}, so that no walk returns to it; "
+                "`gaitopt stabilise` finds a law that walks it stably"
+            )
             error.result = replace(self.gait, message=str(error))
             raise error
         groups = self.groups
@@ -225,7 +227,7 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
         records = all_results(jobs, figure_job, self.jobs, "figure")
         self.run.write({ROBUSTNESS_FILE: json_file({"jobs": [job.key for job in self.jobs]})})
         figures = {record["figure"]: record["value"] for record in records}
-        return Robustness(problem=self.problem, figures=figures, folder=self.run.place)
+        return Robustness(problem=self.problem, figures=figures, folder=self.run.result_folder)
 
     @cached_property
     def jobs(self) -> list[Job]:

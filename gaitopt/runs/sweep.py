@@ -208,7 +208,7 @@ class SweepPlan(Plan[Sweep], SweepRequest):
         task = partial(solve_job, method=self.method)
         solved = solve_all(jobs, self.jobs, len(self.jobs), task) if self.warm else self._scanned(jobs)
         records = [{**record, "at": self.point(k)} for k, record in enumerate(solved)]
-        swept = Sweep(problem=self.problem, grid=self.grid, records=records, folder=self.run.place)
+        swept = Sweep(problem=self.problem, grid=self.grid, records=records, folder=self.run.result_folder)
         self.run.write({TABLE_FILE: csv_text(sweep_table(swept)), SWEEP_FILE: json_file(swept.to_record())})
         return swept
 

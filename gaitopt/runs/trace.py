@@ -66,8 +66,8 @@ class TracePlan(LinesPlan[CurveStart, TraceRecord]):
         """Type of the special point, second parameter and targets."""
         margin = self.start.margin[0] if self.start.margin else ""
         targets = "_".join(f"{to:g}" for to in self.request.to)
-        words = filter(None, ("trace", margin or self.start.type, self.start.parameter, self.request.key, targets))
-        return re.sub(r"[^0-9A-Za-z._]+", "-", "-".join(words))
+        names = filter(None, ("trace", margin or self.start.type, self.start.parameter, self.request.key, targets))
+        return re.sub(r"[^0-9A-Za-z._]+", "-", "-".join(names))
 
     def resumable(self, records: list[TraceRecord]) -> list[TraceRecord]:
         """See ``LinesPlan``."""

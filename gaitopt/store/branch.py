@@ -57,7 +57,7 @@ class StoredPoint:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredWalk:
-    """The stored part of a walk along a curve.
+    """The stored points of a walk along a curve.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class StoredWalk:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredContinuation(StoredWalk):
-    """The stored part of one continuation of a family.
+    """The stored points of one continuation of a family.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class StoredContinuation(StoredWalk):
 
 @dataclass(frozen=True, kw_only=True)
 class StoredTrace(StoredWalk):
-    """The stored part of the walk towards one target in two parameters.
+    """The stored points of the walk towards one target in two parameters.
 
     Attributes
     ----------

@@ -122,7 +122,7 @@ class Run:
     To write, lock the folder with ``begun``, then ``write`` whole files or append records with ``appending``. To read,
     ``holds`` tells which files are finished, ``problem`` and ``manifest`` tell their origin, and ``read``,
     ``read_object``, ``read_result`` and ``lines`` return their content. Names of files are paths within the folder, or
-    within ``part``.
+    within ``subfolder``.
 
     Reading raises a ``StorageError`` that names file and line if a file is missing, unfinished or altered. It waits
     while another process is about to finish a file.
@@ -130,11 +130,11 @@ class Run:
     Attributes
     ----------
     folder : the folder of the run, with its manifest.
-    part : subfolder of a sweep or a basin, whose files the manifest of the run lists; empty for the run itself.
+    subfolder : that of a sweep or a basin, whose files the manifest of the run lists; empty for the run itself.
     """
 
     folder: Path
-    part: str = ""
+    subfolder: str = ""
 
     @classmethod
     def of(cls, problem: Problem, folder: str | Path | None = None, *, results: Path = RESULTS) -> Self:
@@ -145,24 +145,24 @@ class Run:
         return cls(results / f"{name}-{problem.digest[:8]}")
 
     @classmethod
-    def at(cls, place: Path) -> Self:
-        """The run in the folder ``place``, or the part of a run that has this subfolder."""
-        if (place / MANIFEST_FILE).is_file() or not (place / ".." / MANIFEST_FILE).is_file():
-            return cls(place)
-        return cls(place.resolve().parent, place.resolve().name)
+    def at(cls, path: Path) -> Self:
+        """The run in a folder, or the run that has this folder as its subfolder."""
+        if (path / MANIFEST_FILE).is_file() or not (path / ".." / MANIFEST_FILE).is_file():
+            return cls(path)
+        return cls(path.resolve().parent, path.resolve().name)
 
     @property
-    def place(self) -> Path:
-        """The folder of the run, or of its part."""
-        return self.folder / self.part
+    def result_folder(self) -> Path:
+        """The folder of the files: that of the run, or its subfolder."""
+        return self.folder / self.subfolder
 
     def path(self, name: str) -> Path:
         """The path of a file."""
-        return self.place / name
+        return self.result_folder / name
 
     def _key(self, name: str) -> str:
         """The path of a file within the run folder, under which the manifest lists it."""
-        return f"{self.part}/{name}" if self.part else name
+        return f"{self.subfolder}/{name}" if self.subfolder else name
 
     # writing
 
@@ -226,8 +226,8 @@ class Run:
                 table = entry.get("table") if isinstance(entry, Mapping) else None
                 named |= {TABLE_FILE.format(name): table["text"]} if isinstance(table, Mapping) else {}
             run.write({PROBLEM_FILE: problem.text, RESOLVED_FILE: json_file(resolved), **named})
-            if self.part:
-                make_folder(self.place, parents=False)
+            if self.subfolder:
+                make_folder(self.result_folder, parents=False)
             yield
 
     def write(self, contents: Mapping[str, str]) -> None:
@@ -285,23 +285,23 @@ class Run:
                 self.seal(name)
 
     @contextmanager
-    def adding(self, place: Path) -> Iterator[list[Path]]:
+    def adding(self, folder: Path) -> Iterator[list[Path]]:
         """Add figures or pages to a folder; the block collects their paths in the list.
 
         Files in the run folder get checksums.
 
         Parameters
         ----------
-        place : folder of the files, in the run folder or elsewhere; made if necessary.
+        folder : folder of the files, in the run folder or elsewhere; made if necessary.
         """
         added: list[Path] = []
-        if not place.resolve().is_relative_to(self.folder.resolve()):
-            make_folder(place)
-            clear_leftovers(place)
+        if not folder.resolve().is_relative_to(self.folder.resolve()):
+            make_folder(folder)
+            clear_leftovers(folder)
             yield added
             return
         with only_writer(self.folder):
-            make_folder(place)
+            make_folder(folder)
             yield added
             Run(self.folder).seal(*(path.resolve().relative_to(self.folder.resolve()).as_posix() for path in added))
 

@@ -149,8 +149,8 @@ class ResumableJobs:
     ----------
     workers : where the jobs run.
     results : the results by key; new ones are added.
-    store : function of a key and a new result. It stores the result before the next one is accepted, and returns the
-        part of it that stays in memory. None if nothing is stored.
+    store : function of a key and a new result. It stores the result before the next one is accepted, and returns what
+        stays in memory of it. None if nothing is stored.
     progress : called with the number of finished jobs and their total.
     should_stop : polled before every job.
     limit : time limit, after which unfinished jobs are left out.

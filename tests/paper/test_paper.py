@@ -17,7 +17,7 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.paper import reproduction
 from gaitopt.paper.figures import FIGURES
 from gaitopt.paper.gaits import FAMILIES, SOURCES, Archive, copied_torques, family_of, mean_torques, problem_of
-from gaitopt.paper.reproduction import Kind, needs, parts, prepared, write
+from gaitopt.paper.reproduction import Kind, needs, outputs, prepared, write
 from gaitopt.paper.table import EXPLANATIONS, NUMBERS, SENTENCES, Reason, markdown, record, row
 
 COMMITTED = Path(__file__).parents[2] / "results" / "gamus-or-2013"
@@ -71,7 +71,7 @@ def test_a_part_of_the_table_computed_again_is_what_is_committed(archive):
 
 
 def test_every_source_is_a_problem_that_is_computed_once():
-    everything = set().union(*needs(parts()).values())
+    everything = set().union(*needs(outputs()).values())
     digests = [problem_of(name).digest for kind, name in everything if kind is not Kind.ROUNDED]
     assert len(digests) == len(set(digests)) == len({problem_of(name).digest for name in SOURCES})
 

@@ -105,7 +105,7 @@ def test_basin_without_heyoka_says_what_is_faster(tmp_path, monkeypatch, capsys)
 def test_tile_that_is_broken_is_named(gait, tmp_path):
     plan = plan_in(tmp_path, gait, grid=Grid((Axis(key="dtheta1", lower=0.7, upper=0.72, count=3),)))
     plan.complete(HERE)
-    (tile,) = plan.run.place.glob("tile-*.npz")
+    (tile,) = plan.run.result_folder.glob("tile-*.npz")
     tile.write_bytes(b"not an archive")
     with pytest.raises(StorageError, match=r"tile-000000.npz is damaged .* delete it"):
         plan.complete(HERE)

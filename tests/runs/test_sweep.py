@@ -45,7 +45,7 @@ def test_every_point_is_solved_and_verified(tmp_path, run):
     assert {row["modes"] for row in rows} == {"stick slip_forward / stick"}
     code, _, err = run("plot", str(tmp_path))
     assert code == 6
-    assert f"give the folder of its result: {sweep.run.place}" in err
+    assert f"give the folder of its result: {sweep.run.result_folder}" in err
 
 
 def test_what_is_done_is_not_done_again_not_even_by_another_sweep(tmp_path, monkeypatch):
@@ -73,14 +73,16 @@ def test_a_killed_sweep_is_unfinished_and_resumes_where_it_stopped(tmp_path, mon
     with pytest.raises(KeyboardInterrupt):
         sweep.complete(HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
     with pytest.raises(StorageError, match=r"sweep\.json: missing"):
-        load_run(sweep.run.place)
+        load_run(sweep.run.result_folder)
     jobs = tmp_path / SOLVED.name
     with jobs.open("a", encoding="utf-8") as file:
         file.write('{"job": "torn')  # killed in the middle of a line
     whole = wheel_sweep(tmp_path).complete(HERE).records
     assert len(list(read_lines(jobs))) == 3
     afresh = wheel_sweep(tmp_path / "afresh").complete(HERE).records
-    assert (sweep.run.path(TABLE_FILE)).read_text() == (tmp_path / "afresh" / sweep.run.part / TABLE_FILE).read_text()
+    assert (sweep.run.path(TABLE_FILE)).read_text() == (
+        tmp_path / "afresh" / sweep.run.subfolder / TABLE_FILE
+    ).read_text()
     assert [r["state"] for r in whole] == [r["state"] for r in afresh]
 
 
@@ -96,7 +98,7 @@ def test_warm_and_cold_starts_find_the_same_gaits(tmp_path):
 def test_a_resumed_sweep_has_gaits_of_its_own_method_alone(tmp_path, warm):
     def methods(method):
         plan = wheel_sweep(tmp_path, Axis(key="friction", lower=0.4, upper=0.44, count=2), warm=warm, method=method)
-        return plan.run.part, {record["solver"]["method"] for record in plan.complete(HERE).records}
+        return plan.run.subfolder, {record["solver"]["method"] for record in plan.complete(HERE).records}
 
     parts, found = zip(*(methods(method) for method in (Method.AUTO, Method.NEWTON, Method.IPOPT)), strict=True)
     assert len(set(parts)) == 3
