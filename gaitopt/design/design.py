@@ -168,7 +168,7 @@ class _Design:
             solver = {"iterations": float(iterations), "kkt": result.kkt, "objective": result.objective}
             at = smoothed.motion(result.w)
             if result.status is Status.INTERRUPTED:
-                return self._failed(result.status, result.words, solver, at=at)
+                return self._failed(result.status, result.message, solver, at=at)
             # where the iterations ran out next to a gait, the exact search may finish
             solved, near, gait = result.status is Status.CONVERGED, at.size <= NEXT_TO_GAIT, None
             if (solved or near) and at.in_order and not smoothed.hits_trust_region(result.w):
@@ -181,12 +181,12 @@ class _Design:
             # constraints that no gait meets may be met where a motion degenerates, which is no gait
             causes = self._conflicts(start) or (() if start is begin else self._conflicts(begin))
             if causes:
-                words = "\n".join(cause.description for cause in causes)
-                return self._failed(Status.INFEASIBLE, words, solver, causes, at=at)
+                conflicts = "\n".join(cause.description for cause in causes)
+                return self._failed(Status.INFEASIBLE, conflicts, solver, causes, at=at)
             if gait is not None and solved:
                 return gait
             limits = what_limits(smoothed.program.unknowns, smoothed.program.rows, result)
-            return self._failed(result.status, f"{result.words}: {limits}", solver, at=at)
+            return self._failed(result.status, f"{result.message}: {limits}", solver, at=at)
         return self._failed(Status.NOT_CONVERGED, "the search does not converge", solver, at=at)
 
     def start(self, first: Gait) -> Solution:

@@ -54,7 +54,7 @@ RELATIONS = {1.0: "<=", -1.0: ">="}
 UNBOUNDED = Range(minimum=-np.inf, maximum=np.inf)
 """The range of a scalar without a constraint."""
 RADIUS_TOLERANCE = 1e-7
-"""A spectral radius at its bound may exceed it by this part of the bound."""
+"""A spectral radius at its bound may exceed it by this fraction of the bound."""
 FIRST_REDUCTION, SMALLEST_REDUCTION = 0.1, 0.02
 """First and smallest step by which the bound of the radius is reduced, relative to the bound. If the smallest one
 fails, the search ends."""
@@ -137,7 +137,7 @@ def optimise(
 
     def failed(found: _Found, status: Status, message: str, causes: tuple[Cause, ...]) -> Gait:
         collocation, result = found
-        values, first, lengths = _reached(collocation, result.w)
+        values, first, lengths = _unpacked(collocation, result.w)
         best = best_point(problem, first, lengths, values) if np.isfinite(result.w).all() else None
         return Gait(
             problem=problem,
@@ -163,7 +163,7 @@ def optimise(
     found = search(begin, places, None)
     collocation, result = found
     if result.status is not Status.CONVERGED:
-        status, message, causes = result.status, result.words, tuple[Cause, ...]()
+        status, message, causes = result.status, result.message, tuple[Cause, ...]()
         if status is not Status.INTERRUPTED:
             causes = tuple(_conflicts(_without_radius(problem), system, free, begin, should_stop))
             status = Status.INFEASIBLE if causes else status
@@ -186,10 +186,10 @@ def optimise(
             continue
         reduction /= 2
         if result.status is Status.INTERRUPTED:
-            return failed((collocation, result), result.status, result.words, ())
+            return failed((collocation, result), result.status, result.message, ())
         if reduction < SMALLEST_REDUCTION:
-            _, place = problem.place.locate(("constraints", RADIUS))
-            message = f"{place}: {RADIUS} <= {limit:g} was not met: best reached {best:.4g}"
+            _, location = problem.place.locate(("constraints", RADIUS))
+            message = f"{location}: {RADIUS} <= {limit:g} was not met: best reached {best:.4g}"
             cause = Cause(what=RADIUS, description=message, needed=limit, available=best)
             return failed((collocation, result), Status.NOT_CONVERGED, message, (cause,))
     vanishing = found[0].vanishing(found[1].w)
@@ -235,7 +235,7 @@ def _solver_record(result: IpoptResult, iterations: int) -> dict[str, float | st
     return {"iterations": float(iterations), "kkt": kkt, "objective": result.objective}
 
 
-def _reached(collocation: Collocation, x: Array) -> tuple[dict[str, float], Array, Array]:
+def _unpacked(collocation: Collocation, x: Array) -> tuple[dict[str, float], Array, Array]:
     """Torques and free parameters of a solution by dotted key, its first state, and the durations of its phases."""
     blocks = collocation.unpack(x)
     values = (*blocks["values"].tolist(), *blocks["freed"].tolist())
@@ -247,7 +247,7 @@ def _optimum(
     problem: Problem, collocation: Collocation, x: Array, solver: Mapping[str, float | str]
 ) -> OpenLoopOptimum:
     """A solution with the torques and the free parameters of the problem fixed."""
-    known, state, lengths = _reached(collocation, x)
+    known, state, lengths = _unpacked(collocation, x)
     first = dict(zip(collocation.system.state_names, state.tolist(), strict=True))
     durations = lengths.tolist()
     return OpenLoopOptimum(
@@ -438,7 +438,7 @@ def _conflicts(
     begin: _Begin,
     should_stop: Stop,
 ) -> Iterator[Cause]:
-    """Constraints that the others exclude, with the best value that can be reached and the conditions in the way.
+    """Constraints that the others exclude, each with its best attainable value and the conditions in the way.
 
     For each constraint the program without it seeks that best value.
 
@@ -465,7 +465,7 @@ def _conflicts(
             against = ", ".join(
                 key if "." in key else key.replace("_", " ") for key, size in active if size > SMALLEST_MULTIPLIER
             )
-            _, place = problem.place.locate(("constraints", name))
+            _, location = problem.place.locate(("constraints", name))
             relation = "=" if span.is_equality else RELATIONS[sign]
-            words = f"{place}: {name} {relation} {bound:g} conflicts with {against}: best reached {best_value:.4g}"
-            yield Cause(what=name, description=words, needed=bound, available=best_value)
+            conflict = f"{name} {relation} {bound:g} conflicts with {against}: best reached {best_value:.4g}"
+            yield Cause(what=name, description=f"{location}: {conflict}", needed=bound, available=best_value)

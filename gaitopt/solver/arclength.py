@@ -49,7 +49,7 @@ CONTRACTION = 0.5
 """Largest ratio of two Newton steps next to each other. At a solution, a larger ratio shows that only rounding is left;
 elsewhere, that the solution does not belong to the prediction."""
 SLOW = 0.2
-"""If a chord leaves more than this part of the violation, it is replaced by a new Jacobian."""
+"""If a chord leaves more than this fraction of the violation, it is replaced by a new Jacobian."""
 LONGEST_FIRST_STEP = 0.2
 """Longest first step in natural units from a prediction, or a guess, next to its solution."""
 LARGEST_WEIGHTS = 100.0
@@ -57,8 +57,8 @@ LARGEST_WEIGHTS = 100.0
 SMALLEST_COSINE = 0.5
 """If the cosine of the angle between two tangents is smaller, the curve has turned too far for extrapolation.
 
-Predictions are cubics through two points with their tangents. Three points would save a third of the chords, but where
-a gait vanishes they enlarge rounding to 1e-8 of its place.
+Predictions are cubics through two points with their tangents. Three points would save a third of the chords, but they
+magnify rounding where a gait vanishes: its location would only be accurate to 1e-8.
 """
 STRAIGHT = 0.98
 """Cosine of the largest angle between the tangents of neighbours on a straight step."""
@@ -197,8 +197,8 @@ def corrected(
     Parameters
     ----------
     chord : matrix for the first steps; None for the matrix at ``predicted``.
-    slow : after a step that leaves more than this part of the violation, the matrix is computed anew; 0 stands for a
-        new matrix in every step.
+    slow : after a step that leaves more than this fraction of the violation, the matrix is computed anew; 0 stands
+        for a new matrix in every step.
     """
     w, last, full = predicted, np.inf, False
     is_near, longest = True, LONGEST_FIRST_STEP
@@ -260,40 +260,41 @@ def _polished(system: Fixed[At] | Perpendicular[At], w: Array) -> tuple[At, Scal
 
 
 def predictions(
-    places: Sequence[float], solutions: Sequence[Array], place: float, slopes: Sequence[Array] = ()
+    positions: Sequence[float], solutions: Sequence[Array], position: float, slopes: Sequence[Array] = ()
 ) -> Iterator[Array]:
-    """Predictions at another place on a curve, by polynomials through the last solutions.
+    """Predictions at another position on a curve, by polynomials through the last solutions.
 
     The first polynomial passes through all solutions, every further one through one solution less. Polynomials that
-    would amplify rounding too much at ``place`` are left out. The last prediction is the last solution itself.
+    would amplify rounding too much at ``position`` are left out. The last prediction is the last solution itself.
 
     Parameters
     ----------
-    places, solutions : places on the curve and the solutions there, the last one first.
-    slopes : derivatives of the solutions by the place, if they are known.
+    positions, solutions : positions on the curve and the solutions there, the last one first.
+    slopes : derivatives of the solutions by the position, if they are known.
     """
-    for count in range(len(places), 0, -1):
-        weights = extrapolation(places[:count], place, slopes=bool(slopes))
+    for count in range(len(positions), 0, -1):
+        weights = extrapolation(positions[:count], position, slopes=bool(slopes))
         if weights is not None or count == 1:
             known = np.array([*solutions[:count], *slopes[:count]])
             yield known[0] if weights is None else np.asarray(weights @ known)
 
 
-def extrapolation(places: Sequence[float], place: float, *, slopes: bool = False) -> Array | None:
-    """Weights of values (and derivatives, if ``slopes``) at some places in a polynomial's value at another place.
+def extrapolation(positions: Sequence[float], position: float, *, slopes: bool = False) -> Array | None:
+    """Weights of values (and derivatives, if ``slopes``) at some positions in a polynomial's value at another one.
 
     Returns
     -------
-    weights : ndarray, shape (n,), or (2 n,) with those of the derivatives last; None if ``place`` is too far away.
+    weights : ndarray, shape (n,), or (2 n,) with those of the derivatives last; None if ``position`` is too far
+        away.
     """
-    unit = max(abs(s) for s in (*places, place)) or 1.0
-    x, powers = np.array(places) / unit, np.arange(len(places) * (2 if slopes else 1))
+    unit = max(abs(s) for s in (*positions, position)) or 1.0
+    x, powers = np.array(positions) / unit, np.arange(len(positions) * (2 if slopes else 1))
     rows = x[:, None] ** powers
     if slopes:
         rows = np.vstack([rows, powers * x[:, None] ** np.maximum(powers - 1, 0) / unit])
     try:
-        weights = np.linalg.solve(rows.T, (place / unit) ** powers)
-    except np.linalg.LinAlgError:  # two places coincide
+        weights = np.linalg.solve(rows.T, (position / unit) ** powers)
+    except np.linalg.LinAlgError:  # two positions coincide
         return None
     return weights if np.abs(weights[: x.size]).sum() < LARGEST_WEIGHTS else None
 
@@ -371,16 +372,16 @@ class SolutionCurve(Generic[At]):
 
     def step(self, here: Point[At], length: float) -> Point[At] | None:
         """The point at arclength ``length`` along the tangent; None if Newton's method does not converge."""
-        normal, places = self.coordinates(here.tangent), [0.0]
+        normal, positions = self.coordinates(here.tangent), [0.0]
         solutions, slopes = [here.at.w], [here.tangent]
         if here.earlier is not None:
             w, tangent = here.earlier
             slope = float(normal @ self.coordinates(tangent))
             if slope >= SMALLEST_COSINE:
-                places.append(float(normal @ (self.coordinates(w) - self.coordinates(here.at.w))))
+                positions.append(float(normal @ (self.coordinates(w) - self.coordinates(here.at.w))))
                 solutions.append(w)
                 slopes.append(tangent / slope)
-        for predicted in predictions(places, solutions, length, slopes):
+        for predicted in predictions(positions, solutions, length, slopes):
             end = self._corrected(predicted, normal, here.bordered)
             if end is not None:
                 return replace(end, earlier=(here.at.w, here.tangent))

@@ -76,7 +76,7 @@ OBJECTIVE_SLOPE, MORE_ITERATIONS = 10.0, 5
 """Slope to which the objective of a search with bounds on |power| is scaled, because absolute work is small compared
 with powers; and factor of the largest number of iterations, because such a search takes some 400."""
 SHORTEST_PHASE = 1e-3
-"""Shortest phase as a part of the period of the guess."""
+"""Shortest phase as a fraction of the period of the guess."""
 LONGEST_PERIOD = 5.0
 """Longest period relative to that of the guess."""
 STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", EVENT, DURATION, POWER)
@@ -454,14 +454,14 @@ class Collocation:
         return found
 
     def _between(self, x: Array, interval: int, between: Array) -> Array:
-        """Unknowns (n, n_y) of n places of an interval, given the values of the Lagrange polynomials there."""
+        """Unknowns (n, n_y) at n points of an interval, given the values of the Lagrange polynomials there."""
         states = self.unpack(x)["states"][self.points.of_interval(interval)]
         values = self._shared.value_columns(self.mesh.intervals[interval].segment)
         rest = np.concatenate([x[values], x[self._shared.tail]])
         return np.hstack([between @ states, np.tile(rest, (len(between), 1))])
 
     def _slack(self, mode: Mode, interval: int, values: Array) -> Array:
-        """Smallest slack of margins, path constraints and extrema at n places (n,), from their rows (n_rows, n)."""
+        """Smallest slack of margins, path constraints and extrema at n points (n,), from their rows (n_rows, n)."""
         names, units = self.system.transitions.margin_names(mode), self.dynamics.margin_units(mode)
         slack = np.full(values.shape[1], np.inf)
         pt = Point(interval=interval, fraction=0.5, state=-1, dynamic=False)
@@ -513,10 +513,10 @@ class Collocation:
         if self.row_labels[k].mode is not None and name not in self.problem.constraints:
             bound = 0.0  # without the room for the error of the collocation
         side = "at least" if g[k] < bound else "at most"
-        words = f"{name.replace('_', ' ')} is {g[k]:.4g}, must be {side} {bound:.4g}"
+        reason = f"{name.replace('_', ' ')} is {g[k]:.4g}, must be {side} {bound:.4g}"
         if name in STRUCTURAL:
-            words = f"{name} of the equations of motion is off by {violation[k]:.3g}"
-        return [Cause(what=name, description=words, needed=bound, available=float(g[k]))]
+            reason = f"{name} of the equations of motion is off by {violation[k]:.3g}"
+        return [Cause(what=name, description=reason, needed=bound, available=float(g[k]))]
 
     def unpack(self, x: Array) -> dict[str, Array]:
         """Blocks of the unknowns by name; states have the shape (n_states, n_z)."""

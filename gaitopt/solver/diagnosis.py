@@ -50,8 +50,8 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     if short.size:
         return (vanishing_phase(mesh.cycle, int(short[0]), float(durations[short[0]])),)
     if not np.isfinite(refined.errors).all():
-        words = "the equations are singular there: the gait is not isolated, or its motion fails"
-        return (Cause(what="equations", description=words),)
+        reason = "the equations are singular there: the gait is not isolated, or its motion fails"
+        return (Cause(what="equations", description=reason),)
     if not refined.size <= RESIDUAL_TOLERANCE:
         return (Cause(what="equations", description=f"the equations are only satisfied to {refined.size:.2g}"),)
     equations, n_z = refined.equations, refined.equations.system.n_z
@@ -59,17 +59,17 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     p = equations.dynamics(refined.p, equations.unpack(refined.w).freed).p
     off = np.abs(section.lift(start[section.indices], p, start) - start) / refined.units.unknowns[:n_z]
     if not off.max() <= RESIDUAL_TOLERANCE:  # one Newton step led from the last state to the section, if it was near
-        words = "not periodic: the cycle returns to a state off its section, for instance with another energy"
-        return (Cause(what="periodicity", description=words, needed=0.0, available=float(off.max())),)
+        reason = "not periodic: the cycle returns to a state off its section, for instance with another energy"
+        return (Cause(what="periodicity", description=reason, needed=0.0, available=float(off.max())),)
     separate = _separate_stops(refined)
     if separate is not None:
         return (separate,)
     if not refined.accurate:
-        words = f"the integration is only accurate to {refined.errors.max():.2g}, even with {mesh.intervals} intervals"
-        return (Cause(what="integration", description=words),)
+        reason = f"the integration is only accurate to {refined.errors.max():.2g}, even with {mesh.intervals} intervals"
+        return (Cause(what="integration", description=reason),)
     if not refined.in_order:
-        words = "a switch has passed a breakpoint of the control: solve the problem from a guess closer to its gait"
-        return (Cause(what="breakpoint", description=words),)
+        reason = "a switch has passed a breakpoint of the control: solve the problem from a guess closer to its gait"
+        return (Cause(what="breakpoint", description=reason),)
     violated = violations(refined)
     if violated:
         return tuple(violated)
@@ -102,8 +102,8 @@ def violations(at: Solution) -> list[Cause]:
 
 def vanishing_phase(cycle: Cycle, phase: int, duration: float) -> Cause:
     """The cause that a phase of the mode sequence has no duration."""
-    words = f"phase {phase + 1} ({cycle.phases[phase]}) vanishes: remove it from the mode sequence"
-    return Cause(what="duration", description=words, phase=phase, needed=0.0, available=duration)
+    reason = f"phase {phase + 1} ({cycle.phases[phase]}) vanishes: remove it from the mode sequence"
+    return Cause(what="duration", description=reason, phase=phase, needed=0.0, available=duration)
 
 
 def missing_event(system: HybridSystem, cycle: Cycle, phase: int, margins: Array | None = None) -> Cause:
@@ -116,15 +116,15 @@ def missing_event(system: HybridSystem, cycle: Cycle, phase: int, margins: Array
     """
     control = system.control
     ending = system.transitions.ending(cycle, phase).guard
-    words = f"{cycle.phase_words(phase)} has no end: from the guess, {margin(ending).absent}"
+    reason = f"{cycle.phase_words(phase)} has no end: from the guess, {margin(ending).absent}"
     names = system.transitions.margin_names(cycle.phases[phase])
     if margins is not None and ending in names and margins[names.index(ending)] < 0:
-        words = f"{cycle.phase_words(phase)}: from the guess, it would end before it begins, so it does not take place"
+        reason = f"{cycle.phase_words(phase)}: from the guess, it would end before it begins, so it does not take place"
     what, end = ending, None
     if ending == "touchdown" and control.breakpoints and np.isinf(control.horizon):
         what, end = "reference", control.breakpoints[-1]
-        words = f"{words}: the reference is too short, it ends {end:.4g} s after the impact"
-    return Cause(what=what, description=words, phase=phase, step=cycle.step_of(phase), time=end, available=end)
+        reason = f"{reason}: the reference is too short, it ends {end:.4g} s after the impact"
+    return Cause(what=what, description=reason, phase=phase, step=cycle.step_of(phase), time=end, available=end)
 
 
 def largest_residual(at: Solution) -> Cause:
@@ -136,15 +136,15 @@ def largest_residual(at: Solution) -> Cause:
         return Cause(what="search", description="the search has diverged; start from a state closer to a gait")
     label, size = at.equations.equality_labels[row], abs(float(residual[row]))
     if label.name == "reset":
-        words = f"not periodic: {label.coordinate} after the impact is off by {size:.3g}"
-        return Cause(what="periodicity", description=words, needed=0.0, available=size)
+        reason = f"not periodic: {label.coordinate} after the impact is off by {size:.3g}"
+        return Cause(what="periodicity", description=reason, needed=0.0, available=size)
     assert label.phase is not None
     phase = cycle.phase_words(label.phase)
     if label.name == "defect":
-        what, words = "motion", f"{phase}: the motion does not close, off by {size:.3g} in {label.coordinate}"
+        what, reason = "motion", f"{phase}: the motion does not close, off by {size:.3g} in {label.coordinate}"
     else:
-        what, words = "event", f"{phase}: the event that should end it is missed by {size:.3g}"
-    return Cause(what=what, description=words, phase=label.phase, needed=0.0, available=size)
+        what, reason = "event", f"{phase}: the event that should end it is missed by {size:.3g}"
+    return Cause(what=what, description=reason, phase=label.phase, needed=0.0, available=size)
 
 
 def _separate_stops(at: Solution) -> Cause | None:
@@ -163,10 +163,12 @@ def _separate_stops(at: Solution) -> Cause | None:
         for name in names[1:]:
             speed = float(values[margins.index(f"slip_velocity.{name}")])
             if abs(speed) > RESIDUAL_TOLERANCE * dynamics.scales.speed:
-                words = f"{cycle.phase_words(phase)}: where {names[0]} comes to rest, {name} has the velocity"
-                words = f"{words} {speed:.4g} m/s in its direction: state the phase in between"
-                return Cause(what="slip_velocity", description=words, phase=phase, step=cycle.step_of(phase), time=time,
-                             needed=0.0, available=speed)  # fmt: skip
+                reason = (
+                    f"{cycle.phase_words(phase)}: where {names[0]} comes to rest, {name} has the velocity "
+                    f"{speed:.4g} m/s in its direction: state the phase in between"
+                )
+                return Cause(what="slip_velocity", description=reason, phase=phase, step=cycle.step_of(phase),
+                             time=time, needed=0.0, available=speed)  # fmt: skip
     return None
 
 
@@ -184,8 +186,8 @@ def _impossible_motion(at: Solution) -> Cause | None:
     rising: list[dict[str, list[tuple[int, Array, Array]]]] = [{} for _ in range(cycle.swings[-1] + 1)]
 
     def cause(name: str, phase: int, time: float) -> Cause:
-        words = f"{margin(name).lost}, about {time:.4f} s after the impact"
-        return Cause(what=name, description=words, phase=phase, step=cycle.step_of(phase), time=time)
+        reason = f"{margin(name).lost}, about {time:.4f} s after the impact"
+        return Cause(what=name, description=reason, phase=phase, step=cycle.step_of(phase), time=time)
 
     for index, arc in enumerate(equations.mesh.arcs):
         times, states = equations.sample(at.w, at.p, index, SAMPLES)
@@ -232,10 +234,13 @@ def _lands_from_below(at: Solution) -> Cause | None:
         approach = landing(states[-1], per_phase[phase].p)[0].item()
         if not approach < 0:
             foot = equations.system.walker.called(reset.of)
-            words = f"{foot} touches the ground from below, {times[-1]:.4f} s after the impact"
+            reason = (
+                f"{foot} touches the ground from below, {times[-1]:.4f} s after the impact: its normal velocity is "
+                f"{approach:.4g} m/s"
+            )
             return Cause(
-                what="landing", description=f"{words}: its normal velocity is {approach:.4g} m/s", phase=phase,
-                step=cycle.step_of(phase), time=float(times[-1]), needed=0.0, available=approach,
+                what="landing", description=reason, phase=phase, step=cycle.step_of(phase), time=float(times[-1]),
+                needed=0.0, available=approach,
             )  # fmt: skip
     return None
 
@@ -247,9 +252,9 @@ def _law_ends(at: Solution) -> Cause | None:
         step = cycle.step_of(phase)
         time = float(at.durations[cycle.first_phases[step] : phase + 1].sum())
         if time > horizon:
-            words = f"the control law ends {horizon:.4g} s after the impact, but the step takes at least {time:.4g} s"
+            reason = f"the control law ends {horizon:.4g} s after the impact, but the step takes at least {time:.4g} s"
             return Cause(
-                what="control", description=words, phase=phase, step=step, time=horizon, needed=time, available=horizon
+                what="control", description=reason, phase=phase, step=step, time=horizon, needed=time, available=horizon
             )
     return None
 
@@ -269,8 +274,8 @@ def _turning_phase(at: Solution) -> Cause | None:
         turns = curves.roots(rates)
         if turns.size or bool(rates[SAMPLES // 2] > 0) is not forward:
             time = float(times[0] + (turns[0] + 1) / 2 * (times[-1] - times[0])) if turns.size else float(times[0])
-            words = f"the phase variable {name} is not monotone: it turns back {time:.4f} s after the impact"
-            return Cause(what="phase", description=words, phase=arc.phase, step=cycle.step_of(arc.phase), time=time)
+            reason = f"the phase variable {name} is not monotone: it turns back {time:.4f} s after the impact"
+            return Cause(what="phase", description=reason, phase=arc.phase, step=cycle.step_of(arc.phase), time=time)
     return None
 
 
@@ -283,8 +288,8 @@ def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:
     rows = {label: i for i, label in enumerate(labels)}
     for label, i in rows.items():
         if "+" in label.name and margins[i] < 0:
-            words = f"the contacts {contact_of(label.name).replace('+', ' and ')} need more friction together"
-            yield _cause("friction", words, at, label, severity=-margins[i] / units[i])
+            demand = f"the contacts {contact_of(label.name).replace('+', ' and ')} need more friction together"
+            yield _cause("friction", demand, at, label, severity=-margins[i] / units[i])
         if not kind(label.name).endswith("cone_forward") or "+" in label.name:
             continue
         friction = of_step[label.step % len(of_step)].contact_friction[contact_of(label.name)]
@@ -299,8 +304,8 @@ def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:
         ):  # massless contacts land without impulses
             needed = float(abs(forward - backward) / (2 * f_n))
             who = f"{contact_of(label.name)} " if "." in label.name else ""
-            words = f"{who}needs friction {{}}, has {{}}".format(*distinguished(needed, friction))
-            yield _cause("friction", words, at, label, needed=needed, available=friction, severity=needed - friction)
+            demand = f"{who}needs friction {{}}, has {{}}".format(*distinguished(needed, friction))
+            yield _cause("friction", demand, at, label, needed=needed, available=friction, severity=needed - friction)
 
 
 def _margin_violations(at: Solution, margins: Array) -> Iterator[Cause]:
@@ -308,10 +313,10 @@ def _margin_violations(at: Solution, margins: Array) -> Iterator[Cause]:
     equations = at.equations
     units = equations.margin_units(equations.dynamics(at.p, equations.unpack(at.w).freed).p)
     for label, value, unit in zip(equations.inequalities[1], margins.tolist(), units.tolist(), strict=True):
-        words = margin(label.name).violated
-        if value < 0 and words:
-            text = words.format(value=value)
-            yield _cause(label.name, text, at, label, needed=0.0, available=value, severity=-value / unit)
+        template = margin(label.name).violated
+        if value < 0 and template:
+            violation = template.format(value=value)
+            yield _cause(label.name, violation, at, label, needed=0.0, available=value, severity=-value / unit)
 
 
 def _duration_violations(at: Solution) -> Iterator[Cause]:
@@ -319,13 +324,15 @@ def _duration_violations(at: Solution) -> Iterator[Cause]:
     cycle, durations = at.equations.mesh.cycle, at.durations
     for phase, value in enumerate(durations.tolist()):
         if value < 0:
-            words = f"{cycle.phase_words(phase)}: its duration is {value:.4g} s, so it does not take place"
+            reason = f"{cycle.phase_words(phase)}: its duration is {value:.4g} s, so it does not take place"
             severity = float(-value / abs(durations.sum()))
-            yield Cause(what="duration", description=words, phase=phase, needed=0.0, available=value, severity=severity)
+            yield Cause(
+                what="duration", description=reason, phase=phase, needed=0.0, available=value, severity=severity
+            )
 
 
-def _cause(what: str, words: str, at: Solution, label: Label, **numbers: float) -> Cause:
-    """The cause at a row of the inequalities; its text starts with the phase and the time, or the impact."""
+def _cause(what: str, violation: str, at: Solution, label: Label, **numbers: float) -> Cause:
+    """The cause at a row of the inequalities: the violation, preceded by the phase and the time, or by the impact."""
     mesh = at.equations.mesh
     node = mesh.impact_nodes[label.step] if label.node is None else label.node
     time = float(mesh.node_times(at.durations)[node])
@@ -335,4 +342,6 @@ def _cause(what: str, words: str, at: Solution, label: Label, **numbers: float) 
         when = "impact" if len(mesh.cycle.steps) == 1 else f"impact of step {label.step + 1}"
     else:
         when = f"{mesh.cycle.phase_words(label.phase)}, t = {time:.4f} s"
-    return Cause(what=what, description=f"{when}: {words}", phase=label.phase, step=label.step, time=time, **numbers)
+    return Cause(
+        what=what, description=f"{when}: {violation}", phase=label.phase, step=label.step, time=time, **numbers
+    )

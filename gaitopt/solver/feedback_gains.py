@@ -6,7 +6,7 @@ The parameters u, of control, walker or friction, act during one whole cycle: al
 coordinates to a state and in the last impact.
 
     lqr               K = -(R + B' P B)^-1 B' P A     with the solution P of the discrete Riccati equation
-    deadbeat          (A + B K)^n = 0                 by the subspaces from which zero is reached in k steps
+    deadbeat          (A + B K)^n = 0                 by the subspaces from which k steps lead to zero
     minimum_radius    min max |eig(A + B K)|          subject to |K_ij| <= max_gain; by seeded local searches
 
 For deadbeat control let S_0 = {0}, and let S_(k+1) be the states from which some input leads into S_k. If the
@@ -68,7 +68,7 @@ def return_map_derivatives(gait: Gait, keys: Sequence[str] = ()) -> ReturnMapDer
     Raises
     ------
     ProblemError
-        If the name of a problem is given in place of its gait, or a key twice.
+        If the name of a problem is given instead of its gait, or a key twice.
     SolveError
         If the gait is a failed solve, or comes from a file, where its nodes are not kept.
     UnknownNameError

@@ -243,7 +243,7 @@ class Family:
             if refined is None or causes:
                 program = feasibility(problem, Solution(self._equations, self._solved[-1].w, dynamics.p))
                 method, end = Method.IPOPT, solved(program, should_stop=self._should_stop)
-                status, message, iterations = end.status, end.words, iterations + end.iterations
+                status, message, iterations = end.status, end.message, iterations + end.iterations
                 if end.converged:
                     refined = refine(polish(end))
                     causes = rejection_reason(refined)

@@ -190,7 +190,7 @@ class IpoptResult:
     Attributes
     ----------
     w : ndarray - last iterate, also after a failure.
-    status, words : whether it may be trusted, and why it may not.
+    status, message : how the search ended, and a sentence that says so.
     iterations : number of iterations.
     multipliers, bound_multipliers : ndarray - Lagrange multipliers of g and of the bounds on w.
     objective : value of the objective.
@@ -201,7 +201,7 @@ class IpoptResult:
 
     w: Array
     status: Status
-    words: str
+    message: str
     iterations: int
     multipliers: Array
     bound_multipliers: Array
@@ -334,12 +334,12 @@ class Ipopt:
             stats = self._solver.stats()
         if stats["return_status"] not in ENDINGS:
             raise RuntimeError(f"IPOPT ended with {stats['return_status']}")
-        status, words = ENDINGS[stats["return_status"]]
+        status, message = ENDINGS[stats["return_status"]]
         objectives = stats["iterations"]["obj"][-PROGRESS_ITERATIONS - 1 :] if "iterations" in stats else []
         return IpoptResult(
             w=np.asarray(end["x"]).ravel() * x_unit,
             status=status,
-            words=words,
+            message=message,
             iterations=int(stats["iter_count"]),
             multipliers=np.asarray(end["lam_g"]).ravel() / g_unit,
             bound_multipliers=np.asarray(end["lam_x"]).ravel() / x_unit,

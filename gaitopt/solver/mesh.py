@@ -32,7 +32,7 @@ rounding."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshArc:
-    """One arc: part of a phase on one segment of the control.
+    """One arc: a phase, or its piece on one segment of the control.
 
     ``start`` and ``end`` are the times of breakpoints [s], or None if the arc starts or ends with its phase.
     """

@@ -62,7 +62,7 @@ class Solution:
     ----------
     equations : the equations of the gait.
     w, p : ndarray - unknowns and parameters, in SI.
-    status, words : how the search ended, and the message about it.
+    status, message : how the search ended, and a sentence that says so.
     iterations : number of iterations of the search.
     chord : the solution whose Jacobian is used instead of the one at ``w``.
     """
@@ -71,7 +71,7 @@ class Solution:
     w: Array
     p: Array
     status: Status = Status.CONVERGED
-    words: str = "solved"
+    message: str = "solved"
     iterations: int = 0
     chord: "Solution | None" = None
 
@@ -245,12 +245,12 @@ def solve_nearby(
     """
     equations, at, last = start.equations, start, np.inf
     shortest = SHORTEST_NEARBY_PERIOD * start.durations.sum()
-    lost = replace(start, status=Status.NOT_CONVERGED, words="Newton's method finds no solution next to the guess")
+    lost = replace(start, status=Status.NOT_CONVERGED, message="Newton's method finds no solution next to the guess")
     for number in range(most_steps + 1):
         if progress is not None:
             progress(number, at.size)
         if should_stop is not None and should_stop():
-            return replace(start, status=Status.INTERRUPTED, words="interrupted", iterations=number)
+            return replace(start, status=Status.INTERRUPTED, message="interrupted", iterations=number)
         try:
             step = at.scaled.solve(at.residual)
         except RuntimeError:  # singular

@@ -361,7 +361,9 @@ def solved(
     """The end of IPOPT with a program of ``feasibility``, after at most ``iterations`` iterations."""
     compiled = _ipopt(program.equations, program.g.numel(), iterations, Uncompared(program))
     end = compiled.solve(program, progress=progress, should_stop=should_stop)
-    return Solution(program.equations, end.w, program.p0, status=end.status, words=end.words, iterations=end.iterations)
+    return Solution(
+        program.equations, end.w, program.p0, status=end.status, message=end.message, iterations=end.iterations
+    )
 
 
 @built_once(maxsize=16)
@@ -377,7 +379,7 @@ def checked_gait(problem: Problem, solution: Solution, solver: Mapping[str, floa
     causes = rejection_reason(refined)
     if causes:
         return failed_gait(problem, solution, causes, solver, status_without_gait(causes))
-    return solved_gait(problem, refined, message=solution.words, solver=solver)
+    return solved_gait(problem, refined, message=solution.message, solver=solver)
 
 
 def failed_gait(

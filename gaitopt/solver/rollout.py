@@ -72,12 +72,12 @@ SMALLEST_JUMP = 1e-9
 """Smallest jump of a margin at a breakpoint, in natural units, that ends a phase. If torques only have a kink there,
 the margin jumps by rounding."""
 NEAR_BREAKPOINT = 0.05
-"""A phase of a given duration may end at a breakpoint instead that is no farther from its end than this part of a
-cycle."""
+"""A phase of a given duration may end at a breakpoint instead that is no farther from its end than this fraction
+of a cycle."""
 ROUNDING = 1e-12
 """Relative difference of two times that rounding may cause."""
 CUT_OFF_PHASE = 0.05
-"""Part of a step that a phase without a known end lasts if no time is left for it."""
+"""Fraction of a step that a phase without a known end lasts if no time is left for it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -340,7 +340,7 @@ def step_of_shape(dynamics: Dynamics, cycle: Cycle, state: Array) -> Array:
 
 
 def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
-    """Duration of a step [s] at the rates of ``state``, until a joint has made its part of ``step_of_shape``.
+    """Duration of a step [s] at the rates of ``state``, until a joint has covered its entry of ``step_of_shape``.
 
     The duration is the natural unit of time if no joint moves, if massless feet are placed anew, and if no landing ends
     the cycle.

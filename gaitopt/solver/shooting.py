@@ -8,7 +8,7 @@ durations; F(w, p) = (defects, events, resets):
                                                                  begins, the swing foot on the ground at touchdown
     end of a timed phase    t_end - t_breakpoint = 0             where the torques jump, the guard falls below zero
     impact, periodicity     z_start - reset(z_end) = 0           x is counted from the new stance foot; the last reset
-                                                                 leads to z_0; also where several slips end at once
+                                                                 leads to z_0; also where slips end together
 
 Friction complementarity, with the slip velocity v_t = v_forward - v_backward:
 
@@ -488,11 +488,11 @@ class MultipleShooting:
         nodes, durations, _ = self.unpack(w)
         arc, first = self.mesh.arcs[index], self.mesh.arc_nodes[index].start
         start, end = self.mesh.arc_times(durations.tolist())[index]
-        h, places = (end - start) / arc.intervals, fractions * arc.intervals
-        k = np.minimum(places.astype(int), arc.intervals - 1)
+        h, positions = (end - start) / arc.intervals, fractions * arc.intervals
+        k = np.minimum(positions.astype(int), arc.intervals - 1)
         step = buffered_map(shooting_step(self.system.shared, arc.mode), fractions.size)
         values, data = self.per_phase(self.acting_values(w, p))[arc.phase], self.system.data(arc.segment)
-        (states,) = step(nodes.T[first + k], (start + k * h)[:, None], ((places - k) * h)[:, None], values, data)
+        (states,) = step(nodes.T[first + k], (start + k * h)[:, None], ((positions - k) * h)[:, None], values, data)
         return states.copy()
 
     @cached_property

@@ -137,7 +137,7 @@ def _solve(
     if solution.converged:
         return checked_gait(problem, solution, search_record(Method.IPOPT, solution.iterations, began))
     causes = () if solution.status is Status.INTERRUPTED else _failure_causes(problem, start, solution, guess)
-    message = f"{solution.words} (tried {tried}): {describe_causes(causes)}" if causes else solution.words
+    message = f"{solution.message} (tried {tried}): {describe_causes(causes)}" if causes else solution.message
     return Gait(
         problem=problem,
         dynamics=dynamics,
@@ -162,8 +162,8 @@ def _newton_gait(
     for start in _nearby_starts(problem, guess, limits.intervals):
         _, near = _search(start, newton)
         if near.status is Status.INTERRUPTED:
-            return failed(near.status, near.words, near.iterations)
-        gait = failed(near.status, f"{near.words}; {OTHER_METHODS}", near.iterations)
+            return failed(near.status, near.message, near.iterations)
+        gait = failed(near.status, f"{near.message}; {OTHER_METHODS}", near.iterations)
         if near.converged:
             gait = checked_gait(problem, near, search_record(Method.NEWTON, near.iterations, began))
             if gait.converged:
@@ -184,7 +184,7 @@ def _first_gait(problem: Problem, dynamics: Dynamics, began: float, progress: Va
     solver = search_record(Method.IPOPT, end.iterations, began)
     if found is not None:
         return checked_gait(problem, found, solver)
-    message, causes = "; ".join((end.words, *(cause.description for cause in worst))), tuple(worst)
+    message, causes = "; ".join((end.message, *(cause.description for cause in worst))), tuple(worst)
     return Gait(problem=problem, dynamics=dynamics, status=end.status, message=message, solver=solver, causes=causes)
 
 
@@ -290,9 +290,9 @@ def _foot_below_ground(guess: Rollout) -> Cause | None:
             reset = system.transitions.ending(cycle, phase).reset
             assert reset is not None
             foot = system.walker.called(reset.of)
-            words = (
+            reason = (
                 f"{cycle.phase_words(phase)}: at the landing of the guess, {time:.4g} s after the impact, {foot} is "
                 f"below the ground, which it reaches about {passed:.4g} s after the impact; guess a shorter step"
             )
-            return Cause(what=ending, description=words, phase=phase, step=cycle.step_of(phase), time=float(passed))
+            return Cause(what=ending, description=reason, phase=phase, step=cycle.step_of(phase), time=float(passed))
     return None
