@@ -230,7 +230,7 @@ def verify(
         searched = go.neighbourhood(gait, progress=progress)
     code = report(gait, folder, terminal, {"neighbourhood": searched.to_record()})
     if not terminal.json:
-        terminal.results.print(searched.words)
+        terminal.results.print(searched.summary)
     return code if searched.optimal else NOT_VERIFIED
 
 

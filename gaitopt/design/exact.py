@@ -213,8 +213,8 @@ class ExactProblem:
             value, slope, by = 0.0, np.zeros(u.size), 0.0
             if share or self._worst:
                 for name, weight in problem.objective.items():
-                    part, by_u = own[name] if name in own else scalars.scalar(name)
-                    value, slope = value + weight * part, slope + weight * by_u
+                    term, by_u = own[name] if name in own else scalars.scalar(name)
+                    value, slope = value + weight * term, slope + weight * by_u
                     by += weight * scalars.gait.by_work(name)
             objective, gradient, by_work[k] = objective + share * value, gradient + share * slope, share * by
             rows = [*scalars.margins(), *scalars.invariance()]

@@ -65,7 +65,7 @@ class Neighbourhood:
         return {"tried": self.tried, "feasible": self.feasible, "gain": self.gain}
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """A sentence that states how many neighbours are feasible, and whether one of them is better."""
         seen = f"{self.feasible} of {self.tried} neighbours meet all constraints"
         if self.gain > SMALLEST_GAIN:
@@ -157,7 +157,7 @@ class _Search:
         self.sizes = freed_sizes(self.freed, self._bounds)
         refined = refine(polish(retraced(gait).on_mesh()))
         self._equations, self._w = refined.equations, refined.w
-        self._places = [gait.system.parameters.index(name) for name in free]
+        self._freed_indices = [gait.system.parameters.index(name) for name in free]
         self._slopes = np.zeros((self._w.size, self.freed.size))
         slopes, by_freed = [], []
         for step in np.diag(DIFFERENCE * self.sizes):
@@ -193,7 +193,7 @@ class _Search:
     def _values(self, freed: Array) -> tuple[Array, float, Array] | None:
         """Unknowns, objective and constraints at other freed parameters; None if there is no gait."""
         w, p = self._w + self._slopes @ (freed - self.freed), self._gait.p.copy()
-        p[self._places] = freed
+        p[self._freed_indices] = freed
         at = polish(Solution(self._equations, w, p))
         if not at.size < LARGEST_RESIDUAL or not at.in_order:
             return None

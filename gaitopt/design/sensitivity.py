@@ -216,9 +216,9 @@ def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Func
     t, z = SX.sym("t"), SX.sym("z", system.n_z)
     p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
     force, torque, power, foot, _, rate, loss, slip = system.observation(mode)(t, z, p, r)
-    place, contacts = {name: k for k, name in enumerate(system.walker.contact_names())}, list[SX]()
+    index, contacts = {name: k for k, name in enumerate(system.walker.contact_names())}, list[SX]()
     for group in sharing_contacts(system.walker, mode):
-        columns = [place[name] for name in group]
+        columns = [index[name] for name in group]
         contacts += [sum((force[2 * k + row] for k in columns), SX(0)) for row in (0, 1)] + [slip[columns[0]]]
     ahead, centre = foot[0] - z[system.n_shape], system.centre_height(z, p)
     margins = system.margins(mode)(t, z, p, r)
@@ -554,14 +554,12 @@ def impact_quantities(t: MultipleShooting) -> ImpactQuantities:
             of_steps.append([z[system.n_shape], *[MX(0)] * 3])
             continue
         struck = walker.swapped(impact)
-        held = struck.with_states(dict.fromkeys(struck.touching, "stick"))
+        sticking = struck.with_states(dict.fromkeys(struck.touching, "stick"))
         landing = [name for name in struck.touching if name not in before.touching]
-        impulse, places = (
-            system.impact(held, before)(z=z, p=p)["impulse"],
-            [*map(walker.struck_contacts(held).index, landing)],
-        )
+        impulse = system.impact(sticking, before)(z=z, p=p)["impulse"]
+        landing_indices = [*map(walker.struck_contacts(sticking).index, landing)]
         length = system.impact(struck, before)(z=z, p=p)["z_plus"][system.n_shape]
-        impulses = [sum((impulse[2 * k + row] for k in places), MX(0)) for row in (0, 1)]
+        impulses = [sum((impulse[2 * k + row] for k in landing_indices), MX(0)) for row in (0, 1)]
         of_steps.append([length, *impulses, push_work(z, before, p)])
     for first, step in zip(cycle.first_phases, cycle.steps, strict=True):
         for phase, landed in ((first + k - 1, landed) for k, landed in step.landings if k):

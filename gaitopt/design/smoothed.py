@@ -165,7 +165,7 @@ class SmoothedScalars:
         scalar, rows, labels = SCALARS[name], list[MX](), list[Label]()
         if name == "impulse_ratio":  # that of sticking impacts, even if an impact slips
             for k, (step, mode) in enumerate(zip(self._at_impacts.of_steps, self._t.mesh.cycle.impacts, strict=True)):
-                impulse_t, impulse_n = (step[OF_STEP.index(part)] for part in ("impulse_t", "impulse_n"))
+                impulse_t, impulse_n = (step[OF_STEP.index(component)] for component in ("impulse_t", "impulse_n"))
                 added = scalar.bounded(extremum, Instant(impulse_t, impulse_n, None, None))
                 rows += added
                 labels += [Label(name=name, mode=mode, step=k, unit=SI["impulse"])] * len(added)
@@ -452,9 +452,9 @@ def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -
         needed = span.minimum if value < span.minimum else span.maximum
         against = dict.fromkeys(obstacle for other, obstacle in obstacles if other != name)
         reason = f"conflicts with {', '.join(against)}" if against else "cannot be met by these phases near the start"
-        _, place = problem.place.locate(("constraints", name))
-        words = f"{place}: {name} {bound} {reason}: best reached {value:.4g}"
-        causes.append(Cause(what=name, description=words, needed=needed, available=value))
+        _, location = problem.place.locate(("constraints", name))
+        conflict = f"{name} {bound} {reason}: best reached {value:.4g}"
+        causes.append(Cause(what=name, description=f"{location}: {conflict}", needed=needed, available=value))
     return tuple(causes)
 
 

@@ -50,7 +50,7 @@ hundred where a slip sticks again."""
 NARROWEST = 1e-8
 """The search for the radius starts at this relative distance above the largest modulus, where trace P > 1."""
 INFINITE_LOG = 50.0
-"""Number in place of the logarithm of an infinite trace."""
+"""Number that replaces the logarithm of an infinite trace."""
 SMALLEST_RADIUS = 1e-3
 """Modulus below which multipliers count as zero: deviations vanish within a step."""
 

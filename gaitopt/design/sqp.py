@@ -50,7 +50,8 @@ LAST_PROGRAM = 1e-3
 """A model is solved when the step of its last program is smaller than this, relative to the sum of all. It does not
 describe the problem more precisely."""
 SHORTEST_STEP_OF_MODEL = 1e-9
-"""The line search of a model gives up at this part of a step. Where the power touches zero, r changes like a root."""
+"""The line search of a model gives up at this fraction of a step. Where the power touches zero, r changes like a
+root."""
 ROUNDING_OF_MODEL = 1e-14
 """Rounding of the merit of a model."""
 FLATTEST, STIFFEST = 1e-6, 1e7
@@ -79,14 +80,14 @@ FIRST_REACH = 0.3
 SMALLEST_REACH = 1e-3
 """Smallest reach after a step. Shorter steps are left to the line search."""
 SHRINKING, HOPELESS_REACH = 0.1, 1e-5
-"""If no part of a step is better, the reach is multiplied by the first number. At a reach below the second one, the
+"""If no fraction of a step is better, the reach is multiplied by the first number. At a reach below the second one, the
 search gives up."""
 EDGE = 0.99
 """Length of a step, relative to the reach, above which the reach limits the step."""
 SUFFICIENT_GAIN = 0.7
 """Smallest gain, relative to that of the model, after which the reach is doubled."""
 SHORTEST_STEP = 1e-4
-"""The line search gives up at this part of a step."""
+"""The line search gives up at this fraction of a step."""
 DIFFERENCE = 1e-4
 """Step of the differences of gradients, relative to the sizes: a thousand times the accuracy of a gait."""
 ROUNDING = 1e-11
@@ -166,13 +167,13 @@ def optimise(
             B, learnt = _hessian_by_differences(problem, model, weights), False
         d, weights = model.solve(B, weights)
         penalty = _raised(penalty, weights)
-        after, part = _line_search(problem, model, B, d, weights, penalty)
+        after, fraction = _line_search(problem, model, B, d, weights, penalty)
         if after is not None:
             longest = float(np.abs(d).max())
             if cautious:
                 reach = FIRST_REACH
-            elif part < 1.0:
-                reach = max(2 * part * longest, SMALLEST_REACH)
+            elif fraction < 1.0:
+                reach = max(2 * fraction * longest, SMALLEST_REACH)
             elif longest > EDGE * reach:
                 promised = model.merit(np.zeros(d.size), B, penalty) - model.merit(d, B, penalty)
                 gain = _merit(point, model.scale, penalty) - _merit(after, model.scale, penalty)
@@ -346,14 +347,14 @@ class _Model:
             penalty = _raised(penalty, weights)
             slope = min(0.0, float(gradient @ step) - penalty * self._violation(values))
             merit = partial(self.merit, B=B, penalty=penalty, shift=shift)
-            now, part = merit(d), 1.0
-            while not merit(d + part * step) <= now + ARMIJO * part * slope + ROUNDING_OF_MODEL:
-                part /= 2
-                if part < SHORTEST_STEP_OF_MODEL:
-                    part = 0.0
+            now, fraction = merit(d), 1.0
+            while not merit(d + fraction * step) <= now + ARMIJO * fraction * slope + ROUNDING_OF_MODEL:
+                fraction /= 2
+                if fraction < SHORTEST_STEP_OF_MODEL:
+                    fraction = 0.0
                     break
-            d = d + part * step
-            if part * np.linalg.norm(step) <= LAST_PROGRAM * np.linalg.norm(d):
+            d = d + fraction * step
+            if fraction * np.linalg.norm(step) <= LAST_PROGRAM * np.linalg.norm(d):
                 break
         return d, weights
 
@@ -426,21 +427,21 @@ def _hessian_by_differences(problem: ExactProblem, model: _Model, weights: Array
 def _line_search(
     problem: ExactProblem, model: _Model, B: Array, d: Array, weights: Array, penalty: float
 ) -> tuple[Evaluation | None, float]:
-    """The first better point along a step, and its part of the step. A full step that is worse is corrected once."""
+    """The first better point along a step and its fraction of the step. A full step that is worse is corrected once."""
     now = _merit(model.point, model.scale, penalty)
     slope = min(0.0, float(model.gradient @ d) - penalty * model.point.total_violation)
-    part = 1.0
-    while part >= SHORTEST_STEP and d.any():
-        goal = now + ARMIJO * part * slope + ROUNDING
-        trial = problem.evaluate_beside(model.point, part * d * model.sizes)
-        if trial is not None and _merit(trial, model.scale, penalty) > goal and part == 1.0:
+    fraction = 1.0
+    while fraction >= SHORTEST_STEP and d.any():
+        goal = now + ARMIJO * fraction * slope + ROUNDING
+        trial = problem.evaluate_beside(model.point, fraction * d * model.sizes)
+        if trial is not None and _merit(trial, model.scale, penalty) > goal and fraction == 1.0:
             values, predicted = {c.key: c.value for c in trial.constraints}, model.predicted(d)
             keys = [constraint.key for constraint in model.constraints]
             shift = np.array([values.get(key, q) - q for key, q in zip(keys, predicted, strict=True)])
             trial = problem.evaluate_beside(model.point, model.solve(B, weights, shift)[0] * model.sizes)
         if trial is not None and _merit(trial, model.scale, penalty) <= goal:
-            return trial, part
-        part /= 2
+            return trial, fraction
+        fraction /= 2
     return None, 0.0
 
 
@@ -470,6 +471,6 @@ def _damped_update(B: Array, s: Array, y: Array) -> Array:
     if curvature <= 0:
         return B
     if s @ y < DAMPING * curvature:
-        part = (1 - DAMPING) * curvature / (curvature - s @ y)
-        y = part * y + (1 - part) * Bs
+        theta = (1 - DAMPING) * curvature / (curvature - s @ y)
+        y = theta * y + (1 - theta) * Bs
     return np.asarray(B - np.outer(Bs, Bs) / curvature + np.outer(y, y) / (s @ y))

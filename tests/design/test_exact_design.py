@@ -55,7 +55,7 @@ def test_three_moduli_meet_at_the_optimum_of_the_stable_slip_that_has_no_better_
     assert stable_slip.spectral_radius <= 0.5 + 1e-9
     searched = neighbourhood(stable_slip, directions=5, radii=(1e-3,))
     assert searched.feasible > 0
-    assert searched.optimal, searched.words
+    assert searched.optimal, searched.summary
 
 
 def test_exact_scalars_are_those_that_every_gait_is_measured_by(stable_slip):
@@ -231,7 +231,7 @@ def test_shipped_designs_are_optima_of_the_stated_problem(name, optimum):
     assert verify(gait).passed
     searched = neighbourhood(gait, directions=200)
     assert searched.feasible > 100
-    assert searched.optimal, searched.words
+    assert searched.optimal, searched.summary
 
 
 def test_quadratic_programs_of_flat_curvature_and_long_rows_are_solved_to_their_optimality_conditions():

@@ -37,7 +37,7 @@ def test_one_constant_interval_is_the_design_with_constant_torques_and_has_no_be
         assert compass.freed[f"control.{name}.0"] == pytest.approx(design.freed[f"control.{name}"], abs=1e-5)
     np.testing.assert_allclose(compass.state, design.state, atol=1e-5)
     searched = neighbourhood(compass, directions=10)
-    assert searched.optimal, searched.words
+    assert searched.optimal, searched.summary
 
 
 def test_the_optimum_is_a_gait_under_torques_that_are_fixed_in_time_and_followed_to_another_friction(compass, tmp_path):
@@ -207,5 +207,5 @@ def test_rabbit_walks_from_nothing_at_the_cost_of_plain_collocation_and_has_no_b
     # with 20, 40, 80 and 160 intervals it gives 330.81103, 330.84291, 330.84472 and 330.84657
     assert gait.scalar("torque_squared") / 0.4 == pytest.approx(330.84657, rel=1e-6)
     searched = neighbourhood(gait, directions=40)
-    assert searched.optimal, searched.words
+    assert searched.optimal, searched.summary
     assert searched.feasible > 100

@@ -60,7 +60,7 @@ def test_an_optimum_is_as_stable_as_its_bound():
 @pytest.mark.parametrize("bound", [{}, BOUNDED])
 def test_no_better_neighbour_of_an_optimum_on_several_intervals_is_found(bound):
     searched = neighbourhood(go.solve(compass(**bound), progress=False), directions=10)
-    assert searched.optimal, searched.words
+    assert searched.optimal, searched.summary
 
 
 @pytest.mark.slow

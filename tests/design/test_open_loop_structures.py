@@ -129,4 +129,4 @@ def test_a_tow_does_the_work_of_a_runner_against_gravity() -> None:
 @pytest.mark.parametrize("text", [LIMPING, RUNNER, HOPPER, HEEL_TOE], ids=lambda text: text.split()[1])
 def test_no_better_neighbour_of_the_optimum_is_found(text: str) -> None:
     searched = neighbourhood(optimum(text), directions=8)
-    assert searched.optimal, searched.words
+    assert searched.optimal, searched.summary
