@@ -107,17 +107,17 @@ def settled(
     return found, dict(endings)
 
 
-def lyapunov(mapped: StepMap, place: Array, steps: int, *, cyclic: bool) -> float:
-    """Largest Lyapunov exponent per step of the walk from a place of an orbit; -inf if all deviations vanish.
+def lyapunov(mapped: StepMap, point: Array, steps: int, *, cyclic: bool) -> float:
+    """Largest Lyapunov exponent per step of the walk from a point of an orbit; -inf if all deviations vanish.
 
     Parameters
     ----------
-    place : ndarray, shape (n_xi,) - section coordinates with ``dx``, or a whole state.
+    point : ndarray, shape (n_xi,) - section coordinates with ``dx``, or a whole state.
     steps : number of steps over which the exponent is averaged; for a cycle, its number of steps gives the exact value.
     cyclic : whether the walk is a cycle.
     """
     dynamics, simulator = mapped.dynamics, Simulator(mapped.dynamics)
-    on_section = _on_section(mapped, simulator, place)
+    on_section = _on_section(mapped, simulator, point)
     if on_section is None:
         return np.nan
     section, z = on_section
@@ -141,16 +141,16 @@ def lyapunov(mapped: StepMap, place: Array, steps: int, *, cyclic: bool) -> floa
     return total / len(complete)
 
 
-def _on_section(mapped: StepMap, simulator: Simulator, place: Array) -> tuple[Section, Array] | None:
-    """The section on which a place of an orbit lies, and the whole state there; None if the walk ends.
+def _on_section(mapped: StepMap, simulator: Simulator, point: Array) -> tuple[Section, Array] | None:
+    """The section on which a point of an orbit lies, and the whole state there; None if the walk ends.
 
-    Where sections differ with the contacts, the place is the one that follows after a cycle of the walker.
+    If the sections depend on the contacts, the point is replaced by the one after a cycle of the walker.
     """
     system = simulator.system
     if mapped.is_stated:
-        section = system.section(Mode.slip(place[-1]) if place[-1] else Mode.STICK)
-        return section, section.lift(place[: section.indices.size], mapped.dynamics.p)
-    last = simulator.run(place, steps=mapped.dynamics.steps_per_cycle).steps[-1]
+        section = system.section(Mode.slip(point[-1]) if point[-1] else Mode.STICK)
+        return section, section.lift(point[: section.indices.size], mapped.dynamics.p)
+    last = simulator.run(point, steps=mapped.dynamics.steps_per_cycle).steps[-1]
     if last.impact is None:
         return None
     return section_of(system.walker, last.arcs[-1].mode, last.impact.mode, system.cycle_end), last.impact.state

@@ -178,7 +178,7 @@ def _solved(
     for candidate in candidates:
         guessed = problem.with_gait(candidate)
         gait = solve_sequence(guessed, method=method, progress=progress, should_stop=should_stop)
-        if gait.repeats_after < len(gait.steps):  # the gait is a shorter cycle walked several times
+        if gait.repeats_after < len(gait.steps):  # the gait repeats a shorter cycle
             record: dict[str, Any] = {**gait.to_record()}
             record["steps"] = record["steps"][: gait.repeats_after]
             shorter = problem.with_gait(record)

@@ -63,7 +63,7 @@ ANGLE_WEIGHTS = {"constraints": 1.0, "pd": 1e-2}
 INVARIANT_POINTS = (0, 1, -2, -1)
 """Control points that the invariance under the impact determines."""
 SINGULAR = 1e-9
-"""A matrix is singular if its least singular value, relative to the largest one, is below this number."""
+"""A matrix is singular if its smallest singular value, relative to the largest one, is below this number."""
 SMALLEST_DEGREE = 4
 """Smallest degree of an invariant curve that has a free control point."""
 
@@ -125,7 +125,7 @@ class Joints:
         columns = [system.angle_names.index(name) for name in names]
         used = [walker.actuators.index(name) for name in motors]
         n_q, samples, contacts = len(walker.coordinates()), list[tuple[Array, ...]](), list[tuple[Any, ...]]()
-        place, count = {name: k for k, name in enumerate(walker.contact_names())}, 0
+        index, count = {name: k for k, name in enumerate(walker.contact_names())}, 0
 
         def under(arc: Arc, torques: Mapping[str, float]) -> tuple[Array, Array]:
             """Accelerations (N, n_q) and the contact forces, (N, contacts, 2), along an arc under constant torques."""
@@ -163,7 +163,7 @@ class Joints:
             )
             by_torque = np.stack([u[1] - force for u in unit], axis=3)
             for names_on in sharing_contacts(walker, arc.mode):
-                of = [place[name] for name in names_on]
+                of = [index[name] for name in names_on]
                 contacts.append(
                     (
                         count + np.arange(n),

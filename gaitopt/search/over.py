@@ -384,11 +384,11 @@ class _Search:
     def _too_wide(self, known: _Control, share: float, reason: str) -> Gait:
         """The failed attempt that states the widest range for which a control was found; see ``_target``."""
         key, widest = self._over.key, self._target(share)
-        words = f"no control was found for {key} from {self._over.lower:g} to {self._over.upper:g}"
+        message = f"no control was found for {key} from {self._over.lower:g} to {self._over.upper:g}"
         found = f"the widest range with one is {widest[0]:.6g} to {widest[1]:.6g}"
-        words += f"; {found if share else f'there is one for {self._own:g} alone'}. Beyond it, {reason}"
-        cause = Cause(what=self._over.key, description=words, needed=self._width, available=widest[1] - widest[0])
-        gait = self._failed(known, Status.INFEASIBLE, words)
+        message += f"; {found if share else f'there is one for {self._own:g} alone'}. Beyond it, {reason}"
+        cause = Cause(what=self._over.key, description=message, needed=self._width, available=widest[1] - widest[0])
+        gait = self._failed(known, Status.INFEASIBLE, message)
         return replace(gait, causes=(cause,), over=replace(_described(self._over, self._own), widest=widest))
 
     def _failed(self, known: _Control, status: Status, message: str) -> Gait:

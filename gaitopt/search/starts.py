@@ -148,7 +148,7 @@ def around_guess(
 
     Parameters
     ----------
-    within : ranges of section coordinates, see ``section_near``, in place of those around the guess.
+    within : ranges of section coordinates, see ``section_near``, instead of those around the guess.
     """
     guess, names = guess_of(problem, dynamics), dynamics.system.state_names
     if problem.start is None and not within:
