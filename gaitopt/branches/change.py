@@ -2,7 +2,7 @@
 
 The proposals are local edits of the sequence, the most plausible first:
 
-    cone reached while sticking       insert a slip there
+    stick reaches the friction cone   insert a slip there
     slip comes to rest                insert a stick or the opposite slip there
     slip starts without acceleration  insert a stick before it, or remove it
     (or, with two coefficients, at the edge of the static cone)
@@ -47,11 +47,11 @@ from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.verify import confirm
 
 PHASE_END = 0.02
-"""An event counts as at the end of a phase if it is within this part of the phase from that end."""
+"""An event counts as at the end of a phase if it is within this fraction of the phase from that end."""
 DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
 """Distances past the event at which a successor is tried, relative to the size of the parameter."""
-LEAST_SIZE = 0.01
-"""Least size of a parameter, in its natural unit: next to zero, a new phase would be too short to simulate."""
+SMALLEST_SIZE = 0.01
+"""Smallest size of a parameter, in its natural unit: next to zero, a new phase would be too short to simulate."""
 SIMULATED_DISTANCES = (1e-4, 1e-2)
 """Distances past the event at which a fixed point of the simulator's return map is sought if no proposal holds."""
 FIRST_STEPS = 5.0
@@ -61,8 +61,9 @@ SHOWN_SEQUENCES, LONGEST_SEQUENCE = 3, 120
 ACTIVE = 1e-5
 """Monitors below this, in natural units, vanish together with the located one."""
 CLOSER_DISTANCE, APPROACH = 1 / 16, 1 / 2
-"""At this part of the distance past the event, the distance between successor and gait at the event must have shrunk at
-least to this part. If the successor begins like a square root, it shrinks to a quarter; beyond a jump it does not."""
+"""At the first fraction of the distance past the event, the distance between successor and gait at the event must have
+shrunk at least to the second one. If the successor begins like a square root, it shrinks to a quarter; beyond a jump it
+does not."""
 SAME_DISTANCE = 1e-9
 """Gaits that are closer than this are the same: the parameter does not act on the successor there."""
 NEARBY = 0.3
@@ -151,7 +152,7 @@ def size_of(point: CurvePoint) -> float:
     Which mode sequence follows must not depend on how far the family is to be continued.
     """
     parameter = point.curve.parameter
-    return max(abs(point.value), LEAST_SIZE * natural_unit(point.problem, parameter))
+    return max(abs(point.value), SMALLEST_SIZE * natural_unit(point.problem, parameter))
 
 
 def vanishing_force(point: CurvePoint, key: MonitorKey) -> MonitorKey:

@@ -51,7 +51,7 @@ CURVES: Mapping[str, tuple[str, ...]] = {
 DEGENERATE = {"fold": "cusp", "period_doubling": "generalised_flip", "neimark_sacker": "chenciner"}
 """The point at which the coefficient of each bifurcation vanishes."""
 POLE = 0.1
-"""A change of sign between two points is a zero if the value located there is below this part of the larger one."""
+"""A change of sign between two points is a zero if the value located there is below this fraction of the larger one."""
 
 
 def curve_tests(local: LocalMap, kind: str, kappa: float = 0.0) -> dict[str, float]:

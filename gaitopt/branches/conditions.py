@@ -5,7 +5,7 @@
 F has a surface of solutions. The derivative of g is needed along its tangent plane N alone, F' N = 0, and follows there
 from directional derivatives of the equations, to second order for eigenvalues. With A the derivative of the return map,
 
-    fold             g = signed least singular value of A - 1 = l' (A - 1) r,              dg = l' dA r
+    fold             g = signed smallest singular value of A - 1 = l' (A - 1) r,           dg = l' dA r
     period doubling  the same of A + 1
     Neimark-Sacker   g = det S - 1,  S = A on the plane of a pair of multipliers,          dg = det S tr(S^-1 W' dA V)
     margin           g = a monitor of the mode sequence, at its minimum over the phase
@@ -92,7 +92,7 @@ class Eigenvalue:
         return "fold" if self.critical > 0 else "period_doubling"
 
     def value(self, at: Solution) -> float:
-        """The least singular value of A - critical, with the sign of its determinant among the others."""
+        """The smallest singular value of A - critical, with the sign of its determinant among the others."""
         return singular_triple(at.return_map.scaled, self.critical)[0]
 
     def slopes(self, at: Solution, directions: Array) -> Array:
@@ -138,7 +138,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class MarginZero:
-    """A monitor of the mode sequence vanishes: a margin at its lowest place, or the duration of a phase."""
+    """A monitor of the mode sequence vanishes: the minimum of a margin, or the duration of a phase."""
 
     key: MonitorKey
     kind: ClassVar[str] = "margin"
@@ -286,7 +286,7 @@ class ConditionedEquations:
 class _MonitorSeries:
     """Taylor coefficients of monitors along curves of unknowns, as ``monitors`` defines their values.
 
-    The place of a minimum does not move to first order, or lies at an end.
+    The time of a minimum does not move to first order, or is that of an end.
     """
 
     def __init__(self, at: Solution, jets: Jets) -> None:
@@ -395,9 +395,9 @@ def _quotient(a: Array, b: Array) -> Array:
     return result
 
 
-def _value_at(values: Array, place: float | None = None) -> Array:
-    """The curve through values (m, order + 1, count) at a place, that of the lowest value by default."""
-    s = curves.maximum(-values[0, 0])[0] if place is None else place
+def _value_at(values: Array, position: float | None = None) -> Array:
+    """The curve through values (m, order + 1, count) at a position from -1 to 1, by default that of its minimum."""
+    s = curves.maximum(-values[0, 0])[0] if position is None else position
     return np.asarray(
         curves.evaluate(curves.coefficients(np.moveaxis(values, -1, 0).reshape(values.shape[-1], -1)), np.array(s))
     ).reshape(values.shape[:2])

@@ -25,7 +25,7 @@ from gaitopt.branches.change import (
 )
 from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, first_point
 from gaitopt.branches.monitors import bifurcations_between, is_bifurcation, stride
-from gaitopt.branches.normal_forms import gait_coefficients, stability_words
+from gaitopt.branches.normal_forms import gait_coefficients, stability_loss
 from gaitopt.branches.request import FOLLOWS, Request
 from gaitopt.branches.steps import FIRST_LENGTH, HALVED, SILENT, VANISHED_STRIDE, VANISHING, Steps
 from gaitopt.branches.switching import beginnings
@@ -156,7 +156,7 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
         return isinstance(record, SpecialPoint) and record.type in TERMINAL
 
     def _end(self, seconds: float) -> SpecialPoint | None:
-        at_bound = self.request.reached(self.point.value) if self.count > 1 else None
+        at_bound = self.request.bound_reached(self.point.value) if self.count > 1 else None
         reason = at_bound or self.request.exhausted(self.count, seconds)
         if reason is None:
             return None
@@ -236,8 +236,8 @@ class Continuation(Steps[BranchPoint, SpecialPoint]):
                 continue
             special = self._special(kind, location.point, location.status)
             form = gait_coefficients(kind, gait)
-            words = stability_words(form, gait.multipliers)
-            special = replace(special, gait=gait.verified(confirm(gait).to_record()), coefficients=form, reason=words)
+            loss = stability_loss(form, gait.multipliers)
+            special = replace(special, gait=gait.verified(confirm(gait).to_record()), coefficients=form, reason=loss)
             if kind == "branch_point":  # the tangent is undetermined there; take the mean of both sides
                 sides = [here.step(location.length + side * TANGENT_DISTANCE) for side in (-1, 1)]
                 tangents = [side.curve.solutions.entries(side.tangent) for side in sides if side is not None]

@@ -242,9 +242,9 @@ class CurvePoint:
     def locate(self, after: "CurvePoint", length: float, function: "Callable[[CurvePoint], float]") -> "Location":
         """The zero of ``function`` on the step of the given arclength from here to ``after``."""
 
-        def step(part: float) -> "CurvePoint | None":
+        def step(arclength: float) -> "CurvePoint | None":
             try:
-                point = self.step(part)
+                point = self.step(arclength)
             except ProblemError:  # Newton's method has left the range that the problem allows
                 return None
             return point if point is not None and point.is_regular else None

@@ -119,7 +119,7 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
         within, last_arc = cycle.after(phase) is not None, phases[phase][-1]
         location = {"phase": phase} if within else {"step": cycle.step_of(phase)}
         struck = table.struck(cycle, phase)
-        if struck is None:  # several slips end at once
+        if struck is None:  # slips that end together
             continue
         for name, value in last_arc.dynamics.impact_margins(struck, last_arc.states[-1], last_arc.mode).items():
             # the monitor of a second touchdown covers a grazing one; without a jump the slip velocity decides an onset

@@ -156,8 +156,8 @@ def critical_kappa(gait: Gait) -> float:
     return float(np.real(pair))
 
 
-def stability_words(form: Mapping[str, float | None], multipliers: NDArray[np.complex128]) -> str:
-    """What a normal form says about the loss of stability at a bifurcation; empty for a fold or a resonance.
+def stability_loss(form: Mapping[str, float | None], multipliers: NDArray[np.complex128]) -> str:
+    """A sentence on how the gait loses its stability at a bifurcation; empty for a fold or a resonance.
 
     Parameters
     ----------

@@ -128,7 +128,7 @@ class Request(ContinueRequest):
             return upper
         return lower if after <= lower < before else None
 
-    def reached(self, value: float) -> str | None:
+    def bound_reached(self, value: float) -> str | None:
         """The reason why a continuation ends at a value of the parameter; None if the value is within the bounds."""
         lower, upper = self.bounds
         return None if lower < value < upper else f"reached {self.parameter} = {max(lower, min(value, upper)):.12g}"

@@ -1,8 +1,8 @@
 """The steps along a curve of gaits, the same for a family in one parameter and for a curve in two.
 
 Every step predicts the next gait along the curve, corrects it by Newton's method, and compares both ends: where a
-bound is crossed, a test function changes its sign, or a monitor of the mode sequence vanishes, the place is located.
-What these places mean is a matter of the curve, see ``continuation`` and ``trace``.
+bound is crossed, a test function changes its sign, or a monitor of the mode sequence vanishes, the zero is located.
+What the zeros mean depends on the curve, see ``continuation`` and ``trace``.
 """
 
 import time
@@ -28,7 +28,7 @@ FIRST_LENGTH = 0.005
 SMALLEST_LENGTH = 1e-9
 """A step is not halved below this arclength."""
 SHORT_SLIP = 1e-4
-"""From a slip that is shorter than this part of the period, the branch without the slip can be reached."""
+"""From a slip that is shorter than this fraction of the period, the branch without the slip can be reached."""
 SILENT = 1e-8
 """A monitor whose value is below this number vanishes along the whole curve, or at its first point."""
 VANISHED_STRIDE = 1e-4
@@ -38,7 +38,7 @@ HALVED = "the two halves of the cycle become equal: this is a period doubling of
 P = TypeVar("P")
 S = TypeVar("S")
 Zero: TypeAlias = tuple[Location, MonitorKey]
-"""The place where a monitor vanishes."""
+"""The location at which a monitor vanishes, and the key of the monitor."""
 
 
 @dataclass(kw_only=True, eq=False)

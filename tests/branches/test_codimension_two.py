@@ -11,7 +11,7 @@ from gaitopt.branches.codimension_two import (
     other_kappa,
     others_are_complex,
 )
-from gaitopt.branches.normal_forms import LocalMap, coefficients, stability_words
+from gaitopt.branches.normal_forms import LocalMap, coefficients, stability_loss
 
 BASIS = np.random.default_rng(3).standard_normal((5, 5))
 """Mixes the coordinates, so that no test function sees a normal form in its own coordinates."""
@@ -64,15 +64,13 @@ def test_coefficient_of_a_flip_has_the_terms_of_second_and_third_order():
     local = local_map([-1.0, 0.2], lambda x: first(a * x[0] ** 2, 2), lambda x: first(b * x[0] ** 3, 2))
     assert coefficients(local, "period_doubling")["c"] == pytest.approx(a**2 + b, rel=1e-12)
     multipliers = np.array([-1.0, 0.2])
-    assert stability_words({"c": a**2 + b}, multipliers).startswith(
-        "a hard loss of stability, the doubled gait is unst"
-    )
-    assert stability_words({"c": a**2 + b}, np.array([-1.0, 1.8])) == "the gait is unstable on both sides"
+    assert stability_loss({"c": a**2 + b}, multipliers).startswith("a hard loss of stability, the doubled gait is unst")
+    assert stability_loss({"c": a**2 + b}, np.array([-1.0, 1.8])) == "the gait is unstable on both sides"
     logistic = local_map([-1.0], lambda x: -3 * x**2)
     assert coefficients(logistic, "period_doubling")["c"] == pytest.approx(9.0, rel=1e-12)
-    assert stability_words({"c": 9.0}, multipliers).startswith("a soft loss")
-    assert not stability_words({"c": None}, multipliers)
-    assert not stability_words({"b": 1.0}, multipliers)
+    assert stability_loss({"c": 9.0}, multipliers).startswith("a soft loss")
+    assert not stability_loss({"c": None}, multipliers)
+    assert not stability_loss({"b": 1.0}, multipliers)
 
 
 def test_coefficient_of_a_flip_has_the_detour_through_the_other_coordinate():
@@ -94,9 +92,9 @@ def test_coefficient_of_a_torus_is_that_of_its_cubic_term(d):
     found = coefficients(local_map([rotation(theta), 0.4], None, cubic), "neimark_sacker", np.cos(theta))
     assert found["re_d"] == pytest.approx(2 * d.real, rel=1e-11)
     assert found["im_d"] == pytest.approx(2 * d.imag, rel=1e-11)
-    words = stability_words(found, np.array([np.exp(1j * theta), np.exp(-1j * theta), 0.4]))
+    loss = stability_loss(found, np.array([np.exp(1j * theta), np.exp(-1j * theta), 0.4]))
     assert (
-        words
+        loss
         == f"a {'soft' if d.real < 0 else 'hard'} loss of stability, the torus is {'' if d.real < 0 else 'un'}stable"
     )
 

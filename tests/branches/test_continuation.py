@@ -206,7 +206,7 @@ def test_a_bound_is_crossed_from_inside_only_and_points_and_time_are_bounded_eac
         (0.7, 0.9, 0.8), (0.7, 0.8, 0.8), (0.3, 0.1, 0.2), (0.3, 0.7, None), (0.8, 0.7, None), (0.8, 0.9, None),
     ):  # fmt: skip
         assert REQUEST.crossed(before, after) == bound, (before, after)
-    reached = {value: REQUEST.reached(value) for value in (0.8, 0.2, 0.5)}
+    reached = {value: REQUEST.bound_reached(value) for value in (0.8, 0.2, 0.5)}
     assert reached == {0.8: "reached friction = 0.8", 0.2: "reached friction = 0.2", 0.5: None}
     assert REQUEST.exhausted(9, 4.9) is None
     assert REQUEST.exhausted(10, 0.0) == "paused at the limit of 10 points"
