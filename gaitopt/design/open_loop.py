@@ -3,8 +3,8 @@
     min over (z, c, T) of f      s.t.   z is the motion of one step under u(t; c, T),  margins >= 0,  lo <= g <= hi
 
 The program of ``solver.collocation`` is solved by IPOPT with exact derivatives, first with margins at the collocation
-points. Places between them where a margin is violated are added until none is (an exchange method). The torques are
-then fixed in time, and the gait under them is solved by multiple shooting like any other. A bound on the spectral
+points. Extra points between them where a margin is violated are added until none is (an exchange method). The torques
+are then fixed in time, and the gait under them is solved by multiple shooting like any other. A bound on the spectral
 radius is met in steps from the optimum without it (``stability``).
 """
 
@@ -27,7 +27,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE
 from gaitopt.problem.statement import Range
 from gaitopt.solver.collocation import MAX_ITERATIONS, SAMPLES, STRUCTURAL, Collocation, Motion
-from gaitopt.solver.collocation_mesh import INTERVALS, Places
+from gaitopt.solver.collocation_mesh import INTERVALS, ExtraPoints
 from gaitopt.solver.collocation_rows import SMALLEST_MARGIN
 from gaitopt.solver.first_gait import straight_motion
 from gaitopt.solver.ipopt import Block, IpoptResult, what_limits
@@ -109,13 +109,11 @@ def optimise(
     free = {key: (each.lower, each.upper) for key, each in problem.free.items()}
     limit = problem.constraints.get(RADIUS, UNBOUNDED).maximum
 
-    def search(begin: _Begin, places: Places, again: _Found | None, radius: float = np.inf) -> _Found:
+    def search(begin: _Begin, extra: ExtraPoints, again: _Found | None, radius: float = np.inf) -> _Found:
         nonlocal iterations
         close = known and again is None
         for _ in range(MAX_EXCHANGES):
-            collocation = _collocation(
-                problem, system, begin[2], free, radius=radius, intervals=intervals, places=places
-            )
+            collocation = _collocation(problem, system, begin[2], free, radius=radius, intervals=intervals, extra=extra)
             limit = CLOSE_ITERATIONS if close else STEP_ITERATIONS if np.isfinite(radius) else MAX_ITERATIONS
             result = collocation.solve(
                 *begin, progress=progress, should_stop=should_stop, again=again, close=close, max_iterations=limit
@@ -125,13 +123,13 @@ def optimise(
             lost = close and not converged and result.status is not Status.INTERRUPTED
             passed = converged and not collocation.in_order(result.w)  # a switch a breakpoint of the torques
             if lost or passed:
-                begin, places = (_begin(collocation, result.w), Places()) if passed else (begin, places)
+                begin, extra = (_begin(collocation, result.w), ExtraPoints()) if passed else (begin, extra)
                 again, close = None, False
                 continue
             more = tuple(collocation.violated(result.w, SAMPLES, VIOLATED_MARGIN, beside=BESIDE)) if converged else ()
             if not more:
                 break
-            begin, places, again = _begin(collocation, result.w), (*places, *more), (collocation, result)
+            begin, extra, again = _begin(collocation, result.w), (*extra, *more), (collocation, result)
             close = False
         return collocation, result
 
@@ -156,11 +154,11 @@ def optimise(
         values = np.array(
             [start.dynamics.parameter(f"control.{name}.{k}") for name in law.values for k in range(law.count)]
         )
-    begin, places = (states, values, durations, [dynamics.parameter(key) for key in free]), Places()
+    begin, extra = (states, values, durations, [dynamics.parameter(key) for key in free]), ExtraPoints()
     if known:
         collocation = _collocation(problem, system, durations, free, radius=np.inf, intervals=intervals)
-        places = tuple(collocation.violated(collocation.start(*begin), SAMPLES, SUSPECT_MARGIN, beside=BESIDE))
-    found = search(begin, places, None)
+        extra = tuple(collocation.violated(collocation.start(*begin), SAMPLES, SUSPECT_MARGIN, beside=BESIDE))
+    found = search(begin, extra, None)
     collocation, result = found
     if result.status is not Status.CONVERGED:
         status, message, causes = result.status, result.message, tuple[Cause, ...]()
@@ -177,7 +175,7 @@ def optimise(
     best, reduction = largest_modulus(collocation, result.w) if np.isfinite(limit) else 0.0, FIRST_REDUCTION
     while best > limit * (1 + RADIUS_TOLERANCE):
         bound = max(limit, (1 - reduction) * best)
-        collocation, result = search(_begin(found[0], found[1].w), found[0].places, found, bound)
+        collocation, result = search(_begin(found[0], found[1].w), found[0].extra, found, bound)
         # the inequalities hold again if two multipliers have left the circle together, so that the radius is checked
         if result.status is Status.CONVERGED and largest_modulus(collocation, result.w) <= bound * (
             1 + RADIUS_TOLERANCE
@@ -211,12 +209,12 @@ def _collocation(
     *,
     radius: float | None = None,
     intervals: int = INTERVALS,
-    places: Places = (),
+    extra: ExtraPoints = (),
 ) -> Collocation:
     """The program of a problem; ``radius`` is the bound on the multipliers, by default that of the problem."""
     goals, bound = _without_radius(problem), problem.constraints.get(RADIUS)
     timed = bound is not None
-    program = Collocation(goals, system, durations, free=free, intervals=intervals, places=places, timed=timed)
+    program = Collocation(goals, system, durations, free=free, intervals=intervals, extra=extra, timed=timed)
     radius = bound.maximum if radius is None and bound is not None else radius
     if radius is not None and np.isfinite(radius):
         bound_radius(program, radius)
@@ -316,7 +314,7 @@ class CollocationProgram(NonlinearProgram):
         return self.collocation.points.times(durations)
 
     def refined(self, w: Array) -> "CollocationProgram | None":
-        """The program with margins also at those places between the points at which a solution violates them.
+        """The program with margins also at those points between the present ones at which a solution violates them.
 
         It starts from the solution. It is None if the solution violates no margin.
         """
@@ -324,9 +322,9 @@ class CollocationProgram(NonlinearProgram):
         more = tuple(collocation.violated(x, SAMPLES, VIOLATED_MARGIN))
         if not more:
             return None
-        blocks, places = collocation.unpack(x), (*collocation.places, *more)
+        blocks, extra = collocation.unpack(x), (*collocation.extra, *more)
         begin = _Polynomials(collocation, x), blocks["values"], blocks["durations"], blocks["freed"].tolist()
-        finer = _collocation(self.problem, self.system, blocks["durations"], collocation.free, places=places)
+        finer = _collocation(self.problem, self.system, blocks["durations"], collocation.free, extra=extra)
         return _program(self.problem, finer, begin, self.built)
 
     def _gait(self, problem: Problem, point: Array, p: Array) -> Gait:

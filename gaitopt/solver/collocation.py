@@ -10,7 +10,7 @@ duration of a step, so that all times are affine in the durations. If multiplier
 is an unknown of its own, and a row says that it is that mean. The other equations are then, at fixed T, those under a
 law that is fixed in time.
 
-Margins of the modes and path constraints hold at all points, and ``Collocation.violated`` finds places between them
+Margins of the modes and path constraints hold at all points, and ``Collocation.violated`` finds points between them
 where they do not: an exchange method of semi-infinite programs (Hettich & Kortanek 1993).
 
 This module has the numbers of one problem: bounds, start and search. The points are in ``collocation_mesh``, the
@@ -44,7 +44,7 @@ from gaitopt.model.units import SI
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS, state_unit, unit_of
 from gaitopt.solver.collocation_elements import POWER, SLIP, Goals
-from gaitopt.solver.collocation_mesh import DEGREE, INTERVALS, Places, Point, basis, mesh_at
+from gaitopt.solver.collocation_mesh import DEGREE, INTERVALS, ExtraPoints, Point, basis, mesh_at
 from gaitopt.solver.collocation_rows import DURATION, EVENT, SMALLEST_MARGIN, Structure, transcription
 from gaitopt.solver.diagnosis import vanishing_phase
 from gaitopt.solver.ipopt import Block, Ipopt, IpoptResult, Program
@@ -106,7 +106,7 @@ class Collocation:
     durations : durations of the phases, which determine the order of switches and breakpoints, shape (n_phases,).
     free : bounds of the freed parameters by dotted key.
     degree, intervals : number of Radau points of an interval, and smallest number of intervals.
-    places : further points, as (interval, fraction), at which the margins must not be negative.
+    extra : extra points, as (interval, fraction), at which the margins must not be negative.
     timed : whether the duration of the law is an unknown of its own, which ``motion`` needs.
     """
 
@@ -120,15 +120,15 @@ class Collocation:
         free: Mapping[str, tuple[float, float]],
         degree: int = DEGREE,
         intervals: int = INTERVALS,
-        places: Places = (),
+        extra: ExtraPoints = (),
         timed: bool = False,
     ) -> None:
         self.problem, self.system, self.cycle = problem, system, problem.cycle
-        self.free, self.places, self._guess = free, places, durations
+        self.free, self.extra, self._guess = free, extra, durations
         self.dynamics = Dynamics.of(system, problem.parameters)
         self.law = system.control if isinstance(system.control, OpenLoop) else None
         mesh = mesh_at(
-            problem.cycle, system.control, durations, degree=degree, count=intervals, timed=timed, places=places
+            problem.cycle, system.control, durations, degree=degree, count=intervals, timed=timed, extra=extra
         )
         structure = Structure(
             system=system,
@@ -160,7 +160,7 @@ class Collocation:
 
         There are as many rows as unknowns. The law is fixed in time for them, see ``timed``.
         """
-        states = np.arange(self.system.n_z * (self.n_states - len(self.places)))
+        states = np.arange(self.system.n_z * (self.n_states - len(self.extra)))
         defining = [name in ("defect", "reset", EVENT) for name in self.row_names]
         closing = [name == "reset" and at.phase == 0 for name, at in zip(self.row_names, self.row_labels, strict=True)]
         return np.append(states, self.columns("durations")), np.flatnonzero(defining), np.flatnonzero(closing)
@@ -330,7 +330,7 @@ class Collocation:
 
         Parameters
         ----------
-        again : the same program without the last places, and its solution, for a warm start.
+        again : the same program without the last extra points, and its solution, for a warm start.
         close : whether the motion is close to a solution.
         """
         unknowns, rows = self.blocks
@@ -357,7 +357,7 @@ class Collocation:
         return ipopt.solve(program, multipliers=multipliers, progress=progress, should_stop=should_stop)
 
     def _extended(self, before: "Collocation", result: IpoptResult) -> tuple[Array, Array]:
-        """Multipliers of bounds and rows from those of a program without the last places, where they are zero."""
+        """Multipliers of bounds and rows from those of a program without the last extra points, where they are zero."""
         n, bounds, rows = self.system.n_z, np.zeros(self.n_x), np.zeros(self.lbg.size)
         kept = np.ones(self.n_x, dtype=bool)
         kept[n * before.n_states : n * self.n_states] = False
@@ -420,7 +420,7 @@ class Collocation:
         return float(zeros.max() if SCALARS[name].extremum > 0 else zeros.min())
 
     def violated(self, x: Array, samples: int, limit: float, *, beside: int = 0) -> list[tuple[int, float]]:
-        """Places (interval, fraction) between the points at which a margin or path constraint is violated most.
+        """Extra points (interval, fraction) between the others at which a margin or path constraint is violated most.
 
         Parameters
         ----------
@@ -436,8 +436,8 @@ class Collocation:
         for variant in dict.fromkeys(variants):
             mine = [k for k, interval in enumerate(intervals) if variants[interval.phase] == variant]
             y = np.vstack([self._between(x, k, between) for k in mine])
-            places = [Point(interval=k, fraction=f, state=-1, dynamic=False) for k in mine for f in fractions.tolist()]
-            c = self._shared.constants(places, np.zeros(len(places)))
+            points = [Point(interval=k, fraction=f, state=-1, dynamic=False) for k in mine for f in fractions.tolist()]
+            c = self._shared.constants(points, np.zeros(len(points)))
             rows = buffered_map(self._shared.point_function(variant, dynamic=False), len(y))(y, c, self.dynamics.p)[1]
             slack[mine] = np.array(
                 [
@@ -447,7 +447,7 @@ class Collocation:
             )
         found = list[tuple[int, float]]()
         for k, lowest in enumerate(slack.argmin(axis=1).tolist()):
-            known = [f for i, f in self.places if i == k]
+            known = [f for i, f in self.extra if i == k]
             if slack[k, lowest] < limit and not np.isclose(known, fractions[lowest]).any():
                 chosen = fractions[max(lowest - beside, 0) : lowest + beside + 1].tolist()
                 found += [(k, f) for f in chosen if not np.isclose(known, f).any()]
@@ -472,8 +472,8 @@ class Collocation:
             span = self.problem.constraints[name]
             low, high = (0.0, np.inf) if name == CLEARANCE else (span.minimum, span.maximum)
             slack = np.minimum(slack, np.minimum(values[row] - low, high - values[row]) + SMALLEST_MARGIN)
-        extra = values[len(names) + len(self.goals.paths) :]
-        return np.minimum(slack, extra.min(axis=0) + SMALLEST_MARGIN) if extra.size else slack
+        extrema = values[len(names) + len(self.goals.paths) :]
+        return np.minimum(slack, extrema.min(axis=0) + SMALLEST_MARGIN) if extrema.size else slack
 
     def active(self, multipliers: Array, bound_multipliers: Array) -> list[tuple[str, float]]:
         """Names of rows and bounds with the sizes of their multipliers, relative to the largest one; largest first.

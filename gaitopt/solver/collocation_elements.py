@@ -50,9 +50,9 @@ class GroundContact(NamedTuple):
 
 def ground_contacts(walker: type[Walker], mode: Mode, force: Any, slip: Any) -> Iterator[GroundContact]:
     """The contacts on the ground in a mode, from observed forces and slip velocities with a column per instant."""
-    places = {name: k for k, name in enumerate(walker.contact_names())}
+    index = {name: k for k, name in enumerate(walker.contact_names())}
     for names in sharing_contacts(walker, mode):
-        rows = [places[name] for name in names]
+        rows = [index[name] for name in names]
         force_t, force_n = (sum(force[2 * k + row, :] for k in rows) for row in (0, 1))
         yield GroundContact(mode.directions[names[0]], force_t, force_n, slip[rows[0], :])
 
@@ -255,8 +255,8 @@ def impact_function(
     if ratio:
         sticks = mode.with_states(dict.fromkeys(mode.touching, Mode.STICK))
         impulse = system.impact(sticks, before, ends_step=ends_step)(z=z, p=full)["impulse"]
-        places = [*map(system.walker.struck_contacts(sticks).index, landing)]
-        F_t, F_n = (sum((impulse[2 * k + row] for k in places), SX(0)) for row in (0, 1))
+        landing_indices = [*map(system.walker.struck_contacts(sticks).index, landing)]
+        F_t, F_n = (sum((impulse[2 * k + row] for k in landing_indices), SX(0)) for row in (0, 1))
         rows += SCALARS[IMPULSE].bounded(e, Instant(F_t, F_n, None, None))
     return Function("impact", [vertcat(z, v, e), SX(0, 1), p], cse([SX(0), vertcat(*rows)]))
 

@@ -25,8 +25,8 @@ DEGREE = 5
 INTERVALS = 20
 """Smallest number of intervals of a step."""
 
-Places = tuple[tuple[int, float], ...]
-"""Positions of further points between the Radau points: number of the interval, and fraction of it."""
+ExtraPoints = tuple[tuple[int, float], ...]
+"""Extra points between the Radau points, each as the number of the interval and the fraction of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,18 +69,18 @@ class CollocationMesh:
     intervals : intervals in their order.
     degree : number of Radau points of an interval.
     jumps : whether torques may jump where the interval of the law changes.
-    places : further places at which margins must not be negative.
+    extra : extra points, as (interval, fraction), at which margins must not be negative.
     """
 
     cycle: Cycle
     intervals: tuple[Interval, ...]
     degree: int
     jumps: bool
-    places: Places = ()
+    extra: ExtraPoints = ()
 
 
 def mesh_at(
-    cycle: Cycle, control: Control, durations: Array, *, degree: int, count: int, timed: bool, places: Places
+    cycle: Cycle, control: Control, durations: Array, *, degree: int, count: int, timed: bool, extra: ExtraPoints
 ) -> CollocationMesh:
     """The mesh with at least ``count`` intervals per step; switches and breakpoints are in the order of the durations.
 
@@ -113,7 +113,7 @@ def mesh_at(
                 begin, finish = (tuple((start + (end - start) * (k + j) / finer).tolist()) for j in (0, 1))
                 intervals.append(Interval(phase=phase, segment=segment, start=begin, end=finish))
     jumps = not isinstance(control, OpenLoop) or control.order is Order.CONSTANT
-    return CollocationMesh(cycle=cycle, intervals=tuple(intervals), degree=degree, jumps=jumps, places=places)
+    return CollocationMesh(cycle=cycle, intervals=tuple(intervals), degree=degree, jumps=jumps, extra=extra)
 
 
 def affine(durations: Array, steps: int) -> Array:
@@ -136,7 +136,7 @@ class Points(ReadOnlyArrays):
     Attributes
     ----------
     mesh : the mesh.
-    all : the points in their order, those at further places last.
+    all : the points in their order, the extra ones last.
     first : index of the state at the start of each interval.
     inner : index of the state at the first collocation point of each interval.
     phase_starts, phase_ends : indices of the states at both ends of each phase.
@@ -209,7 +209,7 @@ def points_of(mesh: CollocationMesh) -> Points:
             points.append(Point(interval=k, fraction=fraction, state=states, dynamic=True))
             states += 1
         phase_ends[interval.phase] = states - 1
-    for k, fraction in mesh.places:
+    for k, fraction in mesh.extra:
         points.append(Point(interval=k, fraction=fraction, state=states, dynamic=False))
         states += 1
     return Points(

@@ -2,7 +2,7 @@
 
     sum_k C_kj z_k = h f(t_j, z_j, u_j, p)           defects, j = 1 .. d
     int f dt = sum_j h B_j f_j                       integrals
-    z_i = sum_k L_k(c_i) z_k                         states at further points
+    z_i = sum_k L_k(c_i) z_k                         states at extra points
 
 Problems that differ in parameters and bounds alone have one program, whose functions, and whose solver, are built once.
 """
@@ -302,7 +302,7 @@ class Transcription:
         rows.at = Label(name="")
 
         weights = np.zeros(len(mine))
-        # states at collocation points have derivatives, those at further points are interpolated
+        # states at collocation points have derivatives, those at extra points are interpolated
         if dynamic:
             states = [self.points.of_interval(pt.interval) for pt in mine]
             at = [pt.state - self.points.inner[pt.interval] for pt in mine]

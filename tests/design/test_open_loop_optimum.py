@@ -77,7 +77,7 @@ def test_derivatives_of_the_program_are_those_of_central_differences():
     problem = go.parse_problem(RICH)
     free = {key: (each.lower, each.upper) for key, each in problem.free.items()}
     program = Collocation(
-        problem, build_system(problem), np.array([0.1, 0.6]), free=free, degree=2, intervals=4, places=((1, 0.3),)
+        problem, build_system(problem), np.array([0.1, 0.6]), free=free, degree=2, intervals=4, extra=((1, 0.3),)
     )
     assembled, p, rng = program.program, program.dynamics.p, np.random.default_rng(0)
     value = ca.Function("value", [assembled.x, assembled.p], [assembled.f, assembled.g])
