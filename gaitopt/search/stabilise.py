@@ -127,12 +127,12 @@ class Stabilised(Tabulated):
     @property
     def objections(self) -> tuple[str, ...]:
         """Why the gait is not what was asked for; empty if it is."""
-        gait, words = self.gait, list[str]()
+        gait, objections = self.gait, list[str]()
         if gait.verification is None or not gait.verification["passed"]:
-            words.append("the simulation does not confirm the gait")
+            objections.append("the simulation does not confirm the gait")
         if gait.scalar("spectral_radius") >= self.bound:
-            words.append(f"spectral radius {gait.scalar('spectral_radius'):.4g}, must be below {self.bound:g}")
-        return (*words, *exceeded_limits(gait.steps))
+            objections.append(f"spectral radius {gait.scalar('spectral_radius'):.4g}, must be below {self.bound:g}")
+        return (*objections, *exceeded_limits(gait.steps))
 
     def to_record(self) -> dict[str, Any]:
         """The JSON object of the gait with ``stabilised``, as on the command line."""
@@ -197,7 +197,7 @@ class _Search:
         should_stop: Stop,
     ) -> None:
         self._gait, self._request, self._law, self._should_stop = gait, request, law, should_stop
-        self._say = say or (lambda words: None)
+        self._say = say or (lambda message: None)
         self._attempts: list[str] = []
         self._best: Stabilised | None = None
         self._nearest: Candidate | None = None
@@ -207,7 +207,7 @@ class _Search:
         failures, last = 0, np.inf
         for candidates in _laws(self._gait, self._law, self._request):
             for candidate in candidates:
-                radius = self._examine(candidate, _words(candidate))
+                radius = self._examine(candidate, _described(candidate))
                 if radius < np.inf:
                     break
             failures = failures + 1 if radius > STALLS * last or radius == np.inf else 0
@@ -217,14 +217,16 @@ class _Search:
                 break
         if self._nearest is not None and self._needs_design:
             self._say("a design of the curves with these limits as constraints")
-            designed, words = _designed(self._nearest, self._gait, self._request.radius, self._should_stop)
+            designed, description = _designed(self._nearest, self._gait, self._request.radius, self._should_stop)
             if designed is None:
-                self._failed(words)
+                self._failed(description)
             else:
-                self._examine(designed, words)
+                self._examine(designed, description)
         if self._best is None:
-            words = f"{self._gait.problem.name}: no {self._law.value} law has a gait near it"
-            raise SolveError(f"{words}; tried {'; '.join(self._attempts)}")
+            raise SolveError(
+                f"{self._gait.problem.name}: no {self._law.value} law has a gait near it; "
+                f"tried {'; '.join(self._attempts)}"
+            )
         return replace(self._best, attempts=tuple(self._attempts))
 
     @property
@@ -242,19 +244,19 @@ class _Search:
         excess = any(peak > efforts.get(name, np.inf) for name, peak in peak_torques(gait.arcs).items())
         return excess or gait.scalar("spectral_radius") >= self._request.radius
 
-    def _examine(self, candidate: Candidate, words: str) -> float:
+    def _examine(self, candidate: Candidate, description: str) -> float:
         """Spectral radius of the gait under a law, infinite without one; the gait may become the best one."""
         control, fitted, joints, phase, near = candidate
         try:
             problem = _problem(self._gait, control, near)
         except ProblemError as error:  # curves with impossible angles: the gains are too small for the torques
-            return self._failed(f"{words}: {error}")
+            return self._failed(f"{description}: {error}")
         solved = solve_sequence(problem, should_stop=self._should_stop)
         if solved.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if not solved.converged:
             self._nearest = self._nearest or candidate
-            return self._failed(f"{words}: {solved.message}")
+            return self._failed(f"{description}: {solved.message}")
         solved = solved.verified(verify(solved).to_record())
         made = Stabilised(
             gait=solved, given=self._gait, law=self._law, phase=phase, fitted=fitted,
@@ -264,17 +266,17 @@ class _Search:
         if self._best is None or _rank(made) < _rank(self._best):
             self._best, self._nearest = made, candidate
         if made.objections:
-            self._failed(f"{words}: {'; '.join(made.objections)}")
+            self._failed(f"{description}: {'; '.join(made.objections)}")
         return solved.scalar("spectral_radius")
 
-    def _failed(self, words: str) -> float:
-        self._attempts.append(words)
-        self._say(words)
+    def _failed(self, attempt: str) -> float:
+        self._attempts.append(attempt)
+        self._say(attempt)
         return np.inf
 
 
 def _designed(candidate: "Candidate", gait: Gait, bound: float, should_stop: Stop) -> tuple["Candidate | None", str]:
-    """Curves that a design finds next to those of a candidate, and words about it; None if it finds none.
+    """Curves that a design finds next to those of a candidate, None if it finds none; and a description of the design.
 
     They are invariant and have the smallest squared torques at the speed of the gait, within the bound on the spectral
     radius, the efforts and, of a gait that sticks, the friction cone.
@@ -299,14 +301,14 @@ def _designed(candidate: "Candidate", gait: Gait, bound: float, should_stop: Sto
         }
     ).from_guess()
     solved = solve_sequence(problem, should_stop=should_stop)
-    words = f"a design of degree {fitted.degree} with spectral radius and efforts as constraints"
+    description = f"a design of degree {fitted.degree} with spectral radius and efforts as constraints"
     if not solved.converged:
-        return None, f"{words}: {solved.message}"
+        return None, f"{description}: {solved.message}"
     points = np.array(
         [[solved.freed[f"control.reference.{name}.{k}"] for k in range(fitted.degree + 1)] for name in joints.names]
     )
     found = replace(fitted, points=points, violation=0.0)
-    return ({**control, "reference": {"bezier": found.rows(joints.names)}}, found, joints, phase, solved), words
+    return ({**control, "reference": {"bezier": found.rows(joints.names)}}, found, joints, phase, solved), description
 
 
 def _curves(fits: Sequence[FittedCurves], of_steps: Sequence[Joints]) -> dict[str, dict[str, list[float]]]:
@@ -367,8 +369,9 @@ def check_phase(problem: Problem, phase: str | None, outputs: Sequence[str] | No
     phases = (*walker.phases, *walker.shape)
     if phase not in (None, CLOCK, *phases):
         known = [name for name in phases if name not in (walker.tracked if outputs is None else outputs)]
-        words = f"is no phase variable of the {walker.model}; it has {', '.join(known) or 'none'}"
-        raise ProblemError(f"{problem.name}: {phase!r} {words}")
+        raise ProblemError(
+            f"{problem.name}: {phase!r} is no phase variable of the {walker.model}; it has {', '.join(known) or 'none'}"
+        )
 
 
 def _along_phase(
@@ -393,19 +396,23 @@ def _along_phase(
     rates, singular = list[str](), list[str]()
     for phase in known if stated is None else [stated]:
         joints = _of_steps(gait, names, motors, phase)
-        least = min(each.smallest_rate for each in joints)
-        if least <= MONOTONE:
-            rates.append(f"{phase} ({least:.2g})")
+        smallest = min(each.smallest_rate for each in joints)
+        if smallest <= MONOTONE:
+            rates.append(f"{phase} ({smallest:.2g})")
             continue
         times = [each.singular_at for each in joints if decoupled and each.singular_at is not None]
         if not times:
             return joints, phase
         singular.append(f"over {phase}, {times[0]:.4g} s after the impact")
     if singular:
-        words = f"the motors cannot accelerate {', '.join(names)} apart from the phase ({'; '.join(singular)})"
-        raise ProblemError(f"{name}: {words}, where the decoupling matrix is singular; use a PD law over the clock")
-    words = f"least rate relative to the mean: {', '.join(rates)}"
-    raise ProblemError(f"{name}: no phase is monotone along the gait ({words}); use a PD law over the clock")
+        raise ProblemError(
+            f"{name}: the motors cannot accelerate {', '.join(names)} apart from the phase ({'; '.join(singular)}), "
+            "where the decoupling matrix is singular; use a PD law over the clock"
+        )
+    raise ProblemError(
+        f"{name}: no phase is monotone along the gait (least rate relative to the mean: {', '.join(rates)}); "
+        "use a PD law over the clock"
+    )
 
 
 def _of_steps(gait: Gait, names: Sequence[str], motors: Sequence[str], phase: str) -> list[Joints]:
@@ -423,17 +430,19 @@ def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[I
         return
     if gait.problem.cycle_end != TOUCHDOWN:
         end = gait.problem.cycle_end
-        words = "the clock of its law, which no other law has" if end == CLOCK else f"{end}, where no step begins"
-        raise ProblemError(f"{name}: a cycle ends with {words}; use step_feedback")
+        ending = "the clock of its law, which no other law has" if end == CLOCK else f"{end}, where no step begins"
+        raise ProblemError(f"{name}: a cycle ends with {ending}; use step_feedback")
     if len(gait.steps) > 2:
-        words = f"it has {len(gait.steps)} steps; the law has curves for the first one and for the other"
-        raise ProblemError(f"{name}: {words}: use step_feedback")
+        raise ProblemError(
+            f"{name}: it has {len(gait.steps)} steps; the law has curves for the first one and for the other: "
+            "use step_feedback"
+        )
     if law is FeedbackLaw.CONSTRAINTS:
         motors = _driven(gait)
         if not motors:
-            words = f"the {walker.model} has {len(walker.shape)} and {counted(len(walker.actuators), 'motor')}"
+            counts = f"the {walker.model} has {len(walker.shape)} and {counted(len(walker.actuators), 'motor')}"
             raise ProblemError(
-                f"{name}: virtual constraints need one motor less than shape coordinates; {words}: use a PD law, or a "
+                f"{name}: virtual constraints need one motor less than shape coordinates; {counts}: use a PD law, or a "
                 "gait in which one motor less is used"
             )
         of_steps, phase = _along_phase(gait, motors, motors, request.phase, decoupled=True)
@@ -479,8 +488,8 @@ def _corrections(gait: Gait) -> Iterator[Candidate]:
         law = ConstantTorque.model_validate(dict.fromkeys(problem.walker.actuators, 0.0))
     keys = [f"control.{key}" for key in law.parameters if not key.startswith("limits.")]
     if not keys or law.unknowns(type(problem.walker)):
-        words = "has unknowns of a design: give their values" if keys else "has no parameters that could be corrected"
-        raise ProblemError(f"{problem.name}: its control law {words}")
+        reason = "has unknowns of a design: give their values" if keys else "has no parameters that could be corrected"
+        raise ProblemError(f"{problem.name}: its control law {reason}")
     designs: list[dict[str, Any]] = [{"lqr": {"R": dict.fromkeys(keys, weight)}} for weight in LQR_WEIGHTS]
     n = len(gait.system.section(gait.cycle).names)
     designs += [{"minimum_radius": {}}] if n * len(keys) <= MOST_GAINS else []
@@ -517,7 +526,8 @@ def _problem(gait: Gait, control: Mapping[str, Any], near: Gait) -> Problem:
     )
 
 
-def _words(candidate: Candidate) -> str:
+def _described(candidate: Candidate) -> str:
+    """Degree of the curves and gains of a candidate, or the design of its step feedback."""
     control, fitted, *_ = candidate
     if fitted is None:
         (design, keys), *_ = control["step_feedback"]["design"].items()
