@@ -46,7 +46,7 @@ SWEEP_STEPS = 10**6
 VARIATION = 3.0
 """The defect may change by this multiple of its largest difference between neighbouring samples."""
 ROUNDED = 1e-9
-"""A zero on the boundary of a simplex may lie outside of it by this part of its size."""
+"""A zero on the boundary of a simplex may lie outside of it by this fraction of its size."""
 NO_FIXED_POINT = "the return map has no fixed point"
 """The message about a problem without a gait."""
 
