@@ -252,7 +252,7 @@ def follow_curve(
     Parameters
     ----------
     start : the special point from which the curve begins, or the start that another curve offers as ``next``.
-    done : the stored part of the walk to each target, if an unfinished trace is resumed.
+    done : the stored walk to each target, if an unfinished trace is resumed.
 
     Raises
     ------
@@ -329,7 +329,7 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
     start : the gait and the condition from which the curve begins.
     first, bounds : the parameter of the branch, and its bounds.
     sign : sign of the first step in the second parameter.
-    stored : the stored part of the walk if it was interrupted; None for a new walk.
+    stored : the stored walk if it was interrupted; None for a new walk.
     number : number of the current curve.
     """
 
@@ -376,8 +376,10 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         if point is None:
             raise SolveError(f"{gait.problem.name}: the {name} cannot be traced: Newton's method fails at its gait")
         if abs(point.direction[-2]) < CONSTANT:
-            words = f"lies at {self.first} = {point.values[self.first]:.10g} whatever {self.request.parameter} is"
-            raise ProblemError(f"the {name} {words}; choose another second parameter").concerning("key")
+            raise ProblemError(
+                f"the {name} lies at {self.first} = {point.values[self.first]:.10g} whatever {self.request.parameter} "
+                "is; choose another second parameter"
+            ).concerning("key")
         self.number = next(self.numbers)
         self._move(point, moved=False)
         return self._point_records()
@@ -414,8 +416,8 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         return condition
 
     def _stuck(self) -> TraceSpecial:
-        words = "Newton's method finds no next gait, also on a finer mesh"
-        return replace(self._special("end", self.point, "guess", words), codimension=1)
+        reason = "Newton's method finds no next gait, also on a finer mesh"
+        return replace(self._special("end", self.point, "guess", reason), codimension=1)
 
     def _lost(self, before: CurvePoint, after: CurvePoint) -> list[MonitorKey]:
         """Monitors that vanish on a step; not those that are zero along the whole curve."""
@@ -430,12 +432,12 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             yield from ((key, limit, sign) for limit, sign in zip(limits, (-1.0, 1.0), strict=True))
 
     def _at_bound(self, here: CurvePoint, point: CurvePoint, length: float) -> tuple[CurvePoint, float] | None:
-        reached = list[Location]()
+        crossings = list[Location]()
         for key, limit, sign in self._limits():
             before, after = (sign * (at.values[key] - limit) for at in (here, point))
             if before < 0 <= after:
-                reached.append(here.locate(point, length, partial(_excess, key=key, limit=limit)))
-        nearest = min(reached, key=lambda location: location.length, default=None)
+                crossings.append(here.locate(point, length, partial(_excess, key=key, limit=limit)))
+        nearest = min(crossings, key=lambda location: location.length, default=None)
         return None if nearest is None else (nearest.point, nearest.length)
 
     def _reached(self) -> str | None:
@@ -478,8 +480,8 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             gait, special = found.gait, self._special(name, at, location.status)
             if is_beyond:
                 gait = replace(gait, freed={key: gait.dynamics.parameter(key) for key in at.values})
-                words, cycle = f"of the gait {found.curve.cycle}", at.curve.cycle
-                special = replace(special, reason=words, before=cycle, after=found.curve.cycle)
+                before, after = at.curve.cycle, found.curve.cycle
+                special = replace(special, reason=f"of the gait {after}", before=before, after=after)
             following = self._beginning(name, gait, found.local, kappa)
             if name == "margin_period_doubling" and self.own is not None and not is_beyond:
                 doubled = doubled_margin(at, self.own)
@@ -489,8 +491,8 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
                 following += () if folds is None else (folds,)
             yield replace(special, next=following)
             if self.kind == "neimark_sacker" and name in ("resonance_1_1", "resonance_1_2"):
-                words = "the two multipliers meet and become real: beyond lie neutral saddles"
-                yield replace(self._special("end", at, reason=words), codimension=2)
+                reason = "the two multipliers meet and become real: beyond lie neutral saddles"
+                yield replace(self._special("end", at, reason=reason), codimension=2)
                 return
 
     def _beginning(self, name: str, gait: Gait, local: LocalMap, kappa: float) -> tuple[CurveStart, ...]:
@@ -509,8 +511,8 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
     def _change(self, event: Location, key: MonitorKey) -> Iterator[TracePoint | TraceSpecial]:
         """Another margin vanishes: a special point, and the first point with the next mode sequence, or the end."""
         point, cycle, status = event.point, event.point.curve.cycle, event.status
-        words = margin(key.kind).lost if key.kind != "duration" else "vanishes"
-        words = words if key.phase is None else f"{cycle.phase_words(key.phase)}: {words}"
+        lost = margin(key.kind).lost if key.kind != "duration" else "vanishes"
+        lost = lost if key.phase is None else f"{cycle.phase_words(key.phase)}: {lost}"
         successor, reason = (None, "") if ends_at(point, key) else self._successor(point, key)
         located = None if successor is None else located_on_successor(event, successor)
         if located is not None:
@@ -519,11 +521,10 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         doubled = doubled_margin(point, key) if self.kind == "period_doubling" else None
         following = (other,) if doubled is None else (other, doubled)
         name = "margin_crossing" if self.kind == "margin" else f"margin_{self.kind}"
-        special = replace(self._special(name, point, status, words), next=following, before=cycle)
+        special = replace(self._special(name, point, status, lost), next=following, before=cycle)
         if successor is None:
             yield special
-            words = f"{words}; {reason}" if reason else words
-            yield replace(self._special("end", point, status, words), codimension=2)
+            yield replace(self._special("end", point, status, f"{lost}; {reason}" if reason else lost), codimension=2)
             return
         yield replace(special, after=successor.curve.cycle)
         self.number, self.index, self._decided = next(self.numbers), 0, None
