@@ -29,7 +29,7 @@ DEEPEST_NESTING = 40
 """Levels of nested lists and objects in a certificate."""
 MOST_BOXES, MOST_ARCS, MOST_UNKNOWNS = 2000, 1000, 3600
 """The largest known certificates have some 30 boxes, 11 arcs and 3400 unknowns."""
-LEAST_ORDER, LARGEST_ORDER = 2, 60
+SMALLEST_ORDER, LARGEST_ORDER = 2, 60
 """Bounds of the order of the Taylor series; the prover uses 16 and 20."""
 
 Number = Annotated[str, Field(pattern=rf"^{DECIMAL}$", max_length=140)]
@@ -149,7 +149,7 @@ class OrbitRecord(_Record):
     designed: Annotated[dict[Name, Number], Field(max_length=1000)]
     law: MotionRecord | DurationRecord | None
     reference: "OrbitRecord | None"
-    order: Annotated[int, Field(ge=LEAST_ORDER, le=LARGEST_ORDER)]
+    order: Annotated[int, Field(ge=SMALLEST_ORDER, le=LARGEST_ORDER)]
     arcs: Annotated[list[ArcRecord], Field(max_length=MOST_ARCS)]
     boxes: Annotated[list[BoxRecord], Field(max_length=MOST_BOXES)]
 

@@ -262,8 +262,8 @@ class ContactForces:
         self._law: tuple[Buffers, Buffers] | None = None
 
     @property
-    def law_depends_on_holding(self) -> bool:
-        """Whether the control law computes its torques for a motion in which some contacts are held."""
+    def law_assumes_sticking(self) -> bool:
+        """Whether the control law computes its torques for a motion in which all contacts stick."""
         return self.law_uses[0]
 
     def of(self, modes: Sequence[Mode]) -> Candidates:
@@ -368,19 +368,19 @@ class ContactForces:
         moving = values + (1j * IMAGINARY * self._time) * (rates * self._scale)
         return self._mechanics_from(moving, mechanics.dq + 1j * IMAGINARY * ddq)
 
-    def torques(self, t: float, z: Array, segment: int, held: Array, actual: Array, dz: Array | None) -> Array:
+    def torques(self, t: float, z: Array, segment: int, assumed: Array, actual: Array, dz: Array | None) -> Array:
         """Torques [N m] from the accelerations that the law may use; with rates as imaginary parts if ``dz`` is given.
 
         Parameters
         ----------
-        held, actual : shape accelerations without torques and per torque, in natural units, shape (n_s, 1 + n_u);
-            for the motion in which contacts are held, and for the actual one.
+        assumed, actual : shape accelerations without torques and per torque, in natural units, shape (n_s, 1 + n_u),
+            of the motion in which the contacts stick, which the law may assume, and of the actual one.
         dz : rate of the state.
         """
         if self._law is None:
             self._law = Buffers(self._system.law_torques), Buffers(self._system.law_torques_rate)
         unit, p, data = self._unit[: len(self.walker.shape), None] / self._time**2, self.dynamics.p, self._system.data
-        h, a = ((values * unit).ravel(order="F") for values in (held, actual))
+        h, a = ((values * unit).ravel(order="F") for values in (assumed, actual))
         torques = self._law[0](t, z, h.real, a.real, p, data(segment))[0].copy()
         if dz is None:
             return torques
@@ -406,27 +406,32 @@ class ContactInstant:
         self._margins: dict[tuple[Mode, Mode], tuple[list[str], list[Any]]] = {}
         self._rates: dict[tuple[Mode, Mode], list[float]] = {}
 
-    def motions(self, modes: Sequence[Mode], held: Mode) -> Solutions:
-        """Motions in some modes; a control law that computes torques for held contacts holds those of ``held``."""
-        return self._motions(self.mechanics, self._forces.of(modes), held, None)
+    def motions(self, modes: Sequence[Mode], law_mode: Mode) -> Solutions:
+        """Motions in some modes.
 
-    def margins(self, mode: Mode, held: Mode, found: Solutions, k: int) -> tuple[list[str], list[Any]]:
+        Parameters
+        ----------
+        law_mode : the mode for which a control law that assumes sticking contacts computes its torques.
+        """
+        return self._motions(self.mechanics, self._forces.of(modes), law_mode, None)
+
+    def margins(self, mode: Mode, law_mode: Mode, found: Solutions, k: int) -> tuple[list[str], list[Any]]:
         """The margins of the k-th of some motions, which is in ``mode``; see ``ContactForces.margins``."""
-        if (mode, held) not in self._margins:
+        if (mode, law_mode) not in self._margins:
             values = self._forces.margins(mode, found.tangential[k], found.normal[k], self.mechanics.J)
-            self._margins[mode, held] = values
-        return self._margins[mode, held]
+            self._margins[mode, law_mode] = values
+        return self._margins[mode, law_mode]
 
-    def rates(self, mode: Mode, held: Mode, ddq: Array) -> list[float]:
+    def rates(self, mode: Mode, law_mode: Mode, ddq: Array) -> list[float]:
         """Rates of the margins of a mode along its motion with the accelerations ``ddq``, shape (n,)."""
-        if (mode, held) not in self._rates:
+        if (mode, law_mode) not in self._rates:
             forces = self._forces
             dz = forces._rate(self._z, mode, ddq)
             moving = forces._moving(self._z, dz, self.mechanics, ddq)
-            found = self._motions(moving, forces.of((mode,)), held, dz)
+            found = self._motions(moving, forces.of((mode,)), law_mode, dz)
             _, values = forces.margins(mode, found.tangential[0], found.normal[0], moving.J)
-            self._rates[mode, held] = [float(np.imag(value)) / IMAGINARY for value in values]
-        return self._rates[mode, held]
+            self._rates[mode, law_mode] = [float(np.imag(value)) / IMAGINARY for value in values]
+        return self._rates[mode, law_mode]
 
     def after(self, duration: float, mode: Mode, ddq: Array) -> "ContactInstant":
         """The contacts after a short time in natural units, to first order."""
@@ -434,28 +439,28 @@ class ContactInstant:
         z = self._z + time * forces._rate(self._z, mode, ddq)
         return ContactInstant(forces, self._t + time, z, self._segment)
 
-    def _motions(self, mechanics: Mechanics, modes: Candidates, held: Mode, dz: Array | None) -> Solutions:
+    def _motions(self, mechanics: Mechanics, modes: Candidates, law_mode: Mode, dz: Array | None) -> Solutions:
         """Motions in some modes; with complex mechanics along the motion dz/dt."""
         forces, friction, J = self._forces, self._forces.friction, mechanics.J
         loads = mechanics.force + modes.springs @ mechanics.springs.T
-        drag, (holds, responds) = None, forces.law_uses
+        drag, (assumes_sticking, responds) = None, forces.law_uses
         if modes.slides and friction.viscous.any():
             drag = -1.0 * (modes.slip != 0) * friction.viscous * mechanics.velocities[:, 0]
             loads = loads + drag @ J[mechanics.contacts][::2]
         n_u, n_shape = mechanics.E.shape[1], len(forces.walker.shape)
-        free = np.zeros((n_shape, 1 + n_u)) if n_u else mechanics.E
-        if holds:
-            one = forces.of((held,))
+        assumed = np.zeros((n_shape, 1 + n_u)) if n_u else mechanics.E
+        if assumes_sticking:
+            one = forces.of((law_mode,))
             load = mechanics.force + one.springs @ mechanics.springs.T
-            free = self._accelerations(mechanics, one, load)[0][0, :n_shape]
+            assumed = self._accelerations(mechanics, one, load)[0][0, :n_shape]
         if responds:
             ddq, lambdas = self._accelerations(mechanics, modes, loads)
-            each = [forces.torques(self._t, self._z, self._segment, free, a[:n_shape], dz) for a in ddq]
+            each = [forces.torques(self._t, self._z, self._segment, assumed, a[:n_shape], dz) for a in ddq]
             weights = np.array([[1, *torque] for torque in each])[:, :, None]
             motion, lambdas = (ddq @ weights)[:, :, 0], (lambdas @ weights)[:, :, 0]
         else:
             if n_u:
-                torque = forces.torques(self._t, self._z, self._segment, free, np.zeros_like(free.real), dz)
+                torque = forces.torques(self._t, self._z, self._segment, assumed, np.zeros_like(assumed.real), dz)
                 loads = loads + mechanics.E @ torque
             K, inverse = self._systems(mechanics, modes)
             ddq, lambdas = solve(K, inverse, modes, loads[:, :, None], -mechanics.convective[:, None])

@@ -13,7 +13,7 @@ If a value is zero, its rate decides. After an impact
 
 Combinations that move the walker in the same way, such as sticking and slipping without a velocity, count once. If
 several motions are consistent because friction drops at the onset of slip, the one that sticks is taken. In all other
-cases the motion ends, with an ending that says whether no combination is consistent or several are. A mode of several
+cases the motion ends, with an ending that says whether no combination is consistent or more than one. A mode of named
 contacts is accepted even if its ``regularity`` is not positive: it satisfies the laws of contact and friction, although
 not as their only solution.
 
@@ -25,7 +25,7 @@ force of a slightly compliant contact tends to that of sticking. For a walker th
 A walker may declare that it never leaves the ground (``Walker.leaves_ground``). If all its contacts would leave it, the
 motion ends with ``lift_off``.
 
-Some control laws compute torques for a motion in which contacts are held. While motions are compared, they hold all
+Some control laws compute torques for a motion in which all contacts stick. While motions are compared, these are the
 contacts that touch just before. If the chosen mode implies other torques, because a contact leaves, the decision is
 repeated with these torques.
 """
@@ -90,8 +90,8 @@ class _Motion:
     A second derivative is the difference to the same motion a little later, divided by the time between them.
     """
 
-    def __init__(self, instant: ContactInstant, mode: Mode, held: Mode, found: Solutions, k: int) -> None:
-        self._instant, self._mode, self._held, self._found, self._k = instant, mode, held, found, k
+    def __init__(self, instant: ContactInstant, mode: Mode, law_mode: Mode, found: Solutions, k: int) -> None:
+        self._instant, self._mode, self._law_mode, self._found, self._k = instant, mode, law_mode, found, k
         self._later: tuple[ContactInstant, Solutions] | None = None
 
     def slips_back(self, contact: int) -> bool:
@@ -112,16 +112,16 @@ class _Motion:
         ----------
         only : the only margin to be examined; None for all margins.
         """
-        names, margins = self._instant.margins(self._mode, self._held, self._found, self._k)
+        names, margins = self._instant.margins(self._mode, self._law_mode, self._found, self._k)
         for j, margin in enumerate(margins):
             if margin > EDGE or only not in (None, names[j]):
                 continue
             if not margin > -HOPELESS:
                 return True
-            rate, bend = self._instant.rates(self._mode, self._held, self._found.motion[self._k])[j], 0.0
+            rate, bend = self._instant.rates(self._mode, self._law_mode, self._found.motion[self._k])[j], 0.0
             if bends_decide(margin, rate):
                 later, motions = self._ahead
-                bend = (later.rates(self._mode, self._held, motions.motion[0])[j] - rate) / LOOK_AHEAD
+                bend = (later.rates(self._mode, self._law_mode, motions.motion[0])[j] - rate) / LOOK_AHEAD
             if falls_at_start(names[j], margin, rate, bend):
                 return True
         return False
@@ -137,7 +137,7 @@ class _Motion:
     def _ahead(self) -> tuple[ContactInstant, Solutions]:
         if self._later is None:
             moved = self._instant.after(LOOK_AHEAD, self._mode, self._found.motion[self._k])
-            self._later = moved, moved.motions((self._mode,), self._held)
+            self._later = moved, moved.motions((self._mode,), self._law_mode)
         return self._later
 
 
@@ -272,17 +272,17 @@ class ContactResolver:
         instant = self._forces.at(t, z, segment)
         candidates = self._with_others_at_rest(self._with_leaving(candidates), instant.velocities)
         touching = {name for mode in candidates for name in mode.touching}
-        held = candidates[0]
-        if self._forces.law_depends_on_holding:
-            held = held.with_states(dict.fromkeys(touching, "stick")).held
+        law_mode = candidates[0]
+        if self._forces.law_assumes_sticking:
+            law_mode = law_mode.with_states(dict.fromkeys(touching, "stick")).held
         while True:
-            chosen = self._chosen(instant, candidates, touching, held)
+            chosen = self._chosen(instant, candidates, touching, law_mode)
             if isinstance(chosen, Termination):
                 return chosen
-            if not self._forces.law_depends_on_holding or chosen.held.contact is held.contact:
+            if not self._forces.law_assumes_sticking or chosen.held.contact is law_mode.contact:
                 return self._unless_lifted(chosen, "no mode keeps the foot on the ground")
-            # in the chosen mode the law holds fewer contacts, so that its torques jump
-            held = chosen.held
+            # in the chosen mode the law assumes fewer contacts, so that its torques jump
+            law_mode = chosen.held
             candidates = tuple(mode for mode in candidates if {*mode.touching} <= {*chosen.touching})
 
     def _with_leaving(self, candidates: tuple[Mode, ...]) -> tuple[Mode, ...]:
@@ -297,24 +297,24 @@ class ContactResolver:
         return Termination(Ending.LIFT_OFF, reason) if leaves else mode
 
     def _chosen(
-        self, instant: ContactInstant, candidates: Sequence[Mode], touching: set[str], held: Mode
+        self, instant: ContactInstant, candidates: Sequence[Mode], touching: set[str], law_mode: Mode
     ) -> Mode | Termination:
         """The mode among ``candidates`` that is consistent, or the end of the motion if not exactly one is.
 
         Parameters
         ----------
         touching : contacts on the ground. In a mode in which such a contact is off, it must move away from the ground.
-        held : the mode whose contacts the control law holds.
+        law_mode : the mode for which a control law that assumes sticking contacts computes its torques.
         """
         known = [mode for mode in candidates if not self._forces.is_undetermined(mode)]
         with np.errstate(all="ignore"):
-            found = instant.motions(known, held)
+            found = instant.motions(known, law_mode)
         if known and not np.isfinite(found.motion).all(axis=1).any():
             return Termination(Ending.NUMERICAL, "the contact forces are not finite")
         options = [
             _Option(k, known[k], found.motion[k])
             for k in self._conceivable(found, touching)
-            if self._is_consistent(instant, found, k, touching, held)
+            if self._is_consistent(instant, found, k, touching, law_mode)
         ]
         kinetic = self._forces.friction.kinetic
         rests_alone = len(touching) == 1 and candidates[0].sticks
@@ -535,15 +535,17 @@ class ContactResolver:
         lowest = np.minimum(lowest, np.where(off, found.contact[:, :, 1], 0))
         return np.flatnonzero(np.all(lowest > -HOPELESS, axis=1)).tolist()  # NaN does not pass either
 
-    def _is_consistent(self, instant: ContactInstant, found: Solutions, k: int, touching: set[str], held: Mode) -> bool:
+    def _is_consistent(
+        self, instant: ContactInstant, found: Solutions, k: int, touching: set[str], law_mode: Mode
+    ) -> bool:
         """Whether the k-th mode is consistent at this instant."""
         mode = found.modes.modes[k]
-        motion = _Motion(instant, mode, held, found, k)
+        motion = _Motion(instant, mode, law_mode, found, k)
         lifted = [name for name in touching if name not in mode.touching]
         return (
             not any(motion.slips_back(self._number[name]) for name, slip in mode.directions.items() if slip)
             and all(
-                self._is_pulled(instant, mode.with_states({name: "stick"}), name, held, found)
+                self._is_pulled(instant, mode.with_states({name: "stick"}), name, law_mode, found)
                 if name in self._massless
                 else motion.separates(self._number[name])
                 for name in lifted
@@ -551,11 +553,11 @@ class ContactResolver:
             and not motion.lacks_force()  # the last condition, because rates of forces take the most time
         )
 
-    def _is_pulled(self, instant: ContactInstant, closed: Mode, name: str, held: Mode, found: Solutions) -> bool:
+    def _is_pulled(self, instant: ContactInstant, closed: Mode, name: str, law_mode: Mode, found: Solutions) -> bool:
         """Whether the ground would have to pull at a massless contact if it were closed, which it is in ``closed``."""
         modes = found.modes.modes
-        k, found = (modes.index(closed), found) if closed in modes else (0, instant.motions((closed,), held))
-        return _Motion(instant, closed, held, found, k).lacks_force(f"normal_force.{name}")
+        k, found = (modes.index(closed), found) if closed in modes else (0, instant.motions((closed,), law_mode))
+        return _Motion(instant, closed, law_mode, found, k).lacks_force(f"normal_force.{name}")
 
     def _different(self, options: list[_Option]) -> list[_Option]:
         """The options without those that move the walker like an earlier one."""

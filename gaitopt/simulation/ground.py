@@ -92,9 +92,12 @@ class OnTiles:
         self.nominal, nominal = dynamics, dynamics.system
         system = floor_system(nominal.shared, nominal.friction.may_drop or drops, uneven)
         self.system = system if nominal.control is nominal.shared.control else system.retimed(nominal.control)
-        self._place = {key: k for k, key in enumerate(self.system.parameters)}
-        shared = [key for key in nominal.parameters if key in self._place]
-        self._from, self._to = [nominal.parameters.index(key) for key in shared], [self._place[key] for key in shared]
+        self._index_of = {key: k for k, key in enumerate(self.system.parameters)}
+        shared = [key for key in nominal.parameters if key in self._index_of]
+        self._from, self._to = (
+            [nominal.parameters.index(key) for key in shared],
+            [self._index_of[key] for key in shared],
+        )
         self._steps, self._coefficients = dynamics.steps, list[dict[str, tuple[float, ...]]]()
         for step in dynamics.steps:
             of = nominal.contact_coefficients(step.p)
@@ -110,15 +113,15 @@ class OnTiles:
         """Whether the friction of the tile under a contact in step ``n`` is that of the problem."""
         return friction in (None, self._coefficients[n % len(self._steps)][name][:2])
 
-    def place(self, name: str) -> int:
+    def parameter_index(self, name: str) -> int:
         """Index among the parameters of a number of a tile, such as ``foot.slope`` or ``swing_foot.static``.
 
         Where a tile has one coefficient, its index is that of both.
         """
         key, (contact, _, what) = f"{FLOOR}.{name}", name.rpartition(".")
-        if what in ("static", "kinetic") and key not in self._place:
+        if what in ("static", "kinetic") and key not in self._index_of:
             key = f"{FLOOR}.{contact}.friction"
-        return self._place[key]
+        return self._index_of[key]
 
     def parameters(self, n: int, tiles: Mapping[str, Tiles], states: Array) -> Array:
         """Parameters in step ``n``, shape (m, n_p).
@@ -130,7 +133,7 @@ class OnTiles:
         states : ndarray, shape (m, n_z) - states in which the step begins.
         """
         at, m = n % len(self._steps), len(states)
-        p = np.zeros((m, len(self._place)))
+        p = np.zeros((m, len(self._index_of)))
         p[:, self._to] = self._steps[at].p[self._from]
         level = Tiles(friction=None, height=np.zeros(m), slope=np.zeros(m))
         tiles = {name: tiles.get(name, level) for name in self.system.walker.landing_points()}
@@ -140,12 +143,12 @@ class OnTiles:
             columns: dict[str, Array | float] = {"height": tile.height, "slope": tile.slope, "viscous": viscous}
             columns |= {"friction": pair[:, 0], "static": pair[:, 0], "kinetic": pair[:, 1]}
             for what, column in columns.items():
-                if (place := self._place.get(f"{FLOOR}.{name}.{what}")) is not None:
-                    p[:, place] = column
+                if (index := self._index_of.get(f"{FLOOR}.{name}.{what}")) is not None:
+                    p[:, index] = column
         if self.system.uneven and self.system.walker.base_contact():
             is_higher = (tiles[SWING_FOOT].height != 0) | (tiles[FOOT].slope != 0)
-            p[:, self._place[f"{FLOOR}.{SWING_FOOT}.is_higher"]] = is_higher
-            p[:, self._place[f"{FLOOR}.{TRAILING}"]] = self.trailing(states)
+            p[:, self._index_of[f"{FLOOR}.{SWING_FOOT}.is_higher"]] = is_higher
+            p[:, self._index_of[f"{FLOOR}.{TRAILING}"]] = self.trailing(states)
         return p
 
     def trailing(self, states: Array) -> Array:

@@ -1,11 +1,11 @@
-"""One step of many states at once, on heyoka: the hybrid simulator with arrays in place of numbers.
+"""One step of many states at once, on heyoka: the hybrid simulator with arrays instead of numbers.
 
 The simulator repeats two operations until every step has ended: it integrates all states of one mode over their next
 arc, and it applies an event to all states whose arc ended with it. The rules are those of ``events``,
 ``contact_resolver`` and ``simulator``; the table of transitions is the same. Arcs are integrated in the lanes of
 heyoka's batch integrators. Every lane has its own time, step length and events; when its arc ends, the next state is
 loaded into it. Clear cases of a lone foot are decided for all states at once. ``ContactResolver`` decides the other
-cases one by one: those at an edge, those without exactly one consistent candidate, and those of several contacts. The
+cases one by one: those at an edge, those without exactly one consistent candidate, and those of named contacts. The
 result of a state does not depend on the other states, not even in its last bit.
 
 This module needs heyoka.

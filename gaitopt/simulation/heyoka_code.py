@@ -85,7 +85,7 @@ BLOCK = 256
 """Number of rows in one call of a row function. All calls have this size: if the last rows of a block did not fill the
 registers, other instructions would round them differently."""
 COMPILING = threading.RLock()
-"""The lock held while heyoka compiles, so that threads that need the same code compile it once."""
+"""A thread takes this lock to compile with heyoka, so that threads that need the same code compile it once."""
 
 hy.set_logger_level_error()  # otherwise heyoka warns on stderr if a motion becomes infinite
 
@@ -255,7 +255,7 @@ def _compiled_integrator(
 
 
 class HeyokaRowMap:
-    """A function of vectors evaluated row by row, several rows in a register.
+    """A function of vectors evaluated for every row of an array, with a batch of rows in a register.
 
     Parameters
     ----------

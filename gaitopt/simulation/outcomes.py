@@ -58,7 +58,7 @@ energy."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepOutcomes(ReadOnlyArrays):
-    """One step, or several consecutive steps, from each of n states.
+    """One step, or consecutive steps, from each of n states.
 
     Attributes
     ----------

@@ -62,30 +62,32 @@ def tile_parameters(on_tiles: OnTiles, quantity: str) -> dict[str, tuple[tuple[i
     """
     if quantity == "friction":
         return {
-            step: tuple(dict.fromkeys((on_tiles.place(f"{name}.{kind}"), 1.0) for kind in ("static", "kinetic")))
-            for step, name in (("landed", SWING_FOOT), ("stands", FOOT))
+            step: tuple(
+                dict.fromkeys((on_tiles.parameter_index(f"{foot}.{kind}"), 1.0) for kind in ("static", "kinetic"))
+            )
+            for step, foot in (("landed", SWING_FOOT), ("stands", FOOT))
         }
-    swing = on_tiles.place(f"{SWING_FOOT}.{quantity}")
+    swing = on_tiles.parameter_index(f"{SWING_FOOT}.{quantity}")
     if quantity == "height":  # the next tile is measured from the one under the foot
         return {"landed": ((swing, 1.0),), "stands": ((swing, -1.0),)}
-    return {"landed": ((swing, 1.0),), "stands": ((on_tiles.place(f"{FOOT}.{quantity}"), 1.0),)}
+    return {"landed": ((swing, 1.0),), "stands": ((on_tiles.parameter_index(f"{FOOT}.{quantity}"), 1.0),)}
 
 
-def step_derivatives(step: Step, dynamics: Dynamics, places: Sequence[int]) -> StepDerivatives:
+def step_derivatives(step: Step, dynamics: Dynamics, indices: Sequence[int]) -> StepDerivatives:
     """Derivatives of a step of a walker on one foot, which ends with a landing.
 
     Parameters
     ----------
     step : a step whose arcs are given at Chebyshev points.
     dynamics : the system on tiles, at parameters at which it takes this step.
-    places : indices of the m parameters by which the step is differentiated.
+    indices : indices of the m parameters by which the step is differentiated.
 
     Raises
     ------
     FloatingPointError
         If the step grazes an event, where it has no derivative.
     """
-    system, at = dynamics.system, tuple(places)
+    system, at = dynamics.system, tuple(indices)
     n, m = system.n_z, len(at)
     Z = np.hstack([np.eye(n), np.zeros((n, m))])
     outputs = np.full((len(OUTPUTS), n + m), np.nan)
@@ -137,12 +139,12 @@ def step_derivatives(step: Step, dynamics: Dynamics, places: Sequence[int]) -> S
     )
 
 
-def _flowed(dynamics: Dynamics, arc: Arc, Z: Array, end: float, places: tuple[int, ...]) -> Array:
+def _flowed(dynamics: Dynamics, arc: Arc, Z: Array, end: float, indices: tuple[int, ...]) -> Array:
     """Deviations at the time ``end`` of an arc, from the deviations ``Z`` at its start."""
     system = dynamics.system
     if end <= arc.start:
         return Z
-    function, data = system.varied(arc.mode, places), system.data(arc.segment)
+    function, data = system.varied(arc.mode, indices), system.data(arc.segment)
     step = CompiledStep(function, function, rtol=RTOL, atol=ATOL)
     step.load(dynamics.p, data)
     y = np.concatenate([arc.states[0], Z.ravel(order="F")])
@@ -189,18 +191,18 @@ def _nearest_to_cone(step: Step, dynamics: Dynamics) -> tuple[Arc, float, str] |
 
 
 def _change_of_cone(
-    dynamics: Dynamics, arc: Arc, first: Array, cone: tuple[Arc, float, str], tau: Array, places: tuple[int, ...]
+    dynamics: Dynamics, arc: Arc, first: Array, cone: tuple[Arc, float, str], tau: Array, indices: tuple[int, ...]
 ) -> Array:
     """Derivatives of the smallest distance to the cone, shape (n_z + m,)."""
     _, time, name = cone
     system, n = dynamics.system, dynamics.system.n_z
     at_end = arc.end - time < AT_END * arc.duration
     z, data = (arc.states[-1] if at_end else _state_at(arc, time)), system.data(arc.segment)
-    Z = _flowed(dynamics, arc, first, arc.end if at_end else time, places)
+    Z = _flowed(dynamics, arc, first, arc.end if at_end else time, indices)
     _, by_z, rates = buffered(system.linearized(arc.mode))(time, z, dynamics.p, data)
     names = system.transitions.margin_names(arc.mode)
     g = names.index(name)
     change = by_z.reshape((len(names), n), order="F")[g] @ Z + (rates[g] * tau if at_end else 0.0)
-    (by_p,) = buffered(system.margins_by_parameters(arc.mode, places))(time, z, dynamics.p, data)
-    change[n:] += by_p.reshape((len(names), len(places)), order="F")[g]
+    (by_p,) = buffered(system.margins_by_parameters(arc.mode, indices))(time, z, dynamics.p, data)
+    change[n:] += by_p.reshape((len(names), len(indices)), order="F")[g]
     return np.asarray(change)

@@ -195,7 +195,7 @@ class _Walks:
         return outcomes
 
     def keep(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> None:
-        """Continue with some walks, of which one may occur several times."""
+        """Continue with some walks, of which one may occur more than once."""
         self.z, self.under, self._first = self.z[rows], self.under[rows], self._first[rows]
 
     def _tiles(self, s: Array) -> dict[str, Array]:
@@ -244,12 +244,12 @@ def _strata(cells: NDArray[np.intp], within: Array, order: NDArray[np.intp]) -> 
 
     Parameters
     ----------
-    within : ndarray, shape (m,) - part of its interval at which the number of a walk lies.
+    within : ndarray, shape (m,) - position of the number of a walk in its interval, from 0 to 1.
     order : the walks cell by cell, in the order of their intervals.
     """
-    sizes, place = np.bincount(cells), np.empty(cells.size)
-    place[order] = np.arange(cells.size)
-    return np.asarray((place - (np.cumsum(sizes) - sizes)[cells] + within) / sizes[cells])
+    sizes, rank = np.bincount(cells), np.empty(cells.size)
+    rank[order] = np.arange(cells.size)
+    return np.asarray((rank - (np.cumsum(sizes) - sizes)[cells] + within) / sizes[cells])
 
 
 def _tile_weights(s: Array) -> Array:

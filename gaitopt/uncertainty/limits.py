@@ -26,7 +26,7 @@ WIDTH = 1e-9
 BLOCK = 64
 """Number of values that are tried at once."""
 SECTIONS = 16
-"""Number of parts into which each refinement divides a bracket."""
+"""Number of sections into which each refinement divides a bracket."""
 LARGEST_FRICTION, FRICTION_STEP = 3.0, 0.001
 """Largest friction that is tried, and distance between tried values."""
 LARGEST_STEP, STEP_STEP = 0.2, 0.001

@@ -6,7 +6,7 @@ With the deviation z_k of the state in which step k begins, and the change d of 
     y_(n-1) = C_landed d                y_n = C z_n + C_stands d                y_k = C z_k
 
 the norm of an output is the root of the sum of all y_k^2 at d = 1. With independent tiles of small standard deviation s
-the output of a step has the standard deviation s times the norm. A gait of several steps has the root mean square of
+the output of a step has the standard deviation s times the norm. A gait of many steps has the root mean square of
 the norms of tiles under each of its steps. Hobbelen & Wisse (2007), IEEE Trans. Robotics 23, 1213-1224.
 
 Feedback from step to step changes parameters u of the control with the state at the start of a cycle, u_k = K z_k, so
@@ -35,8 +35,8 @@ from gaitopt.verification.return_map import extrapolated
 NEGLIGIBLE = 1e-30
 """The sum of squares has converged once a term, relative to the sum, is below this number."""
 FORGOTTEN, SMALLEST_RADIUS, MOST_WALKED = 1e-8, 0.1, 400
-"""A walk over a changed tile ends where this part of its deviation is left; smallest radius that counts, and largest
-number of steps."""
+"""A walk over a changed tile ends where this fraction of its deviation is left; smallest radius that counts, and
+largest number of steps."""
 ENOUGH = 1e-7
 """Estimated error of a difference of walks, in SI, at which no smaller change is tried."""
 MOST_STEPS = 1_000_000
@@ -49,7 +49,7 @@ def sensitivity_norm(gait: Gait) -> Norms:
 
     An entry is None where there is no derivative: if the step grazes an event, for the distance to the cone of a gait
     that slips, and for quantities that the floor of this walker cannot have. The derivatives are exact for a walker on
-    one foot. For several contacts they are extrapolated from differences of walks.
+    one foot. For named contacts they are extrapolated from differences of walks.
     """
     none: Norms = {quantity: dict.fromkeys(OUTPUTS) for quantity in QUANTITIES}
     system = gait.system
@@ -63,22 +63,23 @@ def sensitivity_norm(gait: Gait) -> Norms:
     uses = {quantity: tile_parameters(on_tiles, quantity) for quantity in known}
     correction = on_tiles.system.correction
     corrected = [] if correction is None else correction.entries
-    places = sorted({place for use in uses.values() for parts in use.values() for place, _ in parts} | {*corrected})
+    of_uses = (index for use in uses.values() for weighted in use.values() for index, _ in weighted)
+    varied = sorted({*of_uses, *corrected})
     try:
-        linear = [step_derivatives(step, _dynamics(on_tiles, n, step), places) for n, step in enumerate(steps)]
+        linear = [step_derivatives(step, _dynamics(on_tiles, n, step), varied) for n, step in enumerate(steps)]
     except FloatingPointError:
         return none
-    feedback = [np.zeros((len(places), system.n_z)) for _ in steps]
+    feedback = [np.zeros((len(varied), system.n_z)) for _ in steps]
     if correction is not None:
         p = _dynamics(on_tiles, 0, steps[0]).p
         slopes = correction.slopes(p, steps[0].arcs[0].states[0])[0]
         for n, of_step in enumerate(feedback):
-            of_step[[places.index(place) for place in corrected]] = correction.by_entry(slopes, n)
+            of_step[[varied.index(entry) for entry in corrected]] = correction.by_entry(slopes, n)
     for quantity, use in uses.items():
-        weights = {key: np.zeros(len(places)) for key in use}
-        for key, parts in use.items():
-            for place, weight in parts:
-                weights[key][places.index(place)] = weight
+        weights = {key: np.zeros(len(varied)) for key in use}
+        for key, weighted in use.items():
+            for index, weight in weighted:
+                weights[key][varied.index(index)] = weight
         squares = np.mean([_squares(linear, weights, n, feedback) for n in range(len(linear))], axis=0)
         none[quantity] = {
             name: float(np.sqrt(square)) if np.isfinite(square) else None
