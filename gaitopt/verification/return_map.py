@@ -111,8 +111,8 @@ class ReturnMap:
     Parameters
     ----------
     section : the section. For a walker that stands on one foot at a time, the mode just after the impact suffices.
-    near : ndarray, shape (n_z,) - a state on the section. Named contacts need it, because several states can have the
-        same section coordinates; the map takes the one near this state.
+    near : ndarray, shape (n_z,) - a state on the section. Named contacts need it, because more than one state can have
+        the same section coordinates; the map takes the one near this state.
 
     Attributes
     ----------

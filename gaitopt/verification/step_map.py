@@ -48,7 +48,7 @@ def return_map(
     ----------
     start : problem or gait; its walker, control and friction are used.
     states : ndarray, shape (n, k) - section coordinates. The last column, ``dx``, may be left out if the foot is at
-        rest. For a walker with several contacts, these are the coordinates of its gait's section, see
+        rest. For a walker with named contacts, these are the coordinates of its gait's section, see
         ``Problem.map_section``.
     engine : ``auto``, ``scipy`` or ``heyoka``.
     floor : tiles under the feet: the walker stands on tile 0 and lands on tile 1.

@@ -128,9 +128,9 @@ class TiledWalks:
             yield found
 
 
-def _joined(parts: list[StepOutcomes]) -> StepOutcomes:
-    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
-    return replace(parts[0], **joined)
+def _joined(blocks: list[StepOutcomes]) -> StepOutcomes:
+    joined: dict[str, Any] = {name: np.concatenate([getattr(block, name) for block in blocks]) for name in ARRAYS}
+    return replace(blocks[0], **joined)
 
 
 class TiledSteps:

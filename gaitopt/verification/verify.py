@@ -1,7 +1,7 @@
 """Verification of a gait by the forward simulator, claim by claim.
 
 The solver shoots through a given mode sequence; the simulator finds modes and events itself. They share only the
-mechanics, and no equation of the solver is used here. The argument has four parts. Figures are dimensionless; errors
+mechanics, and no equation of the solver is used here. The argument has four steps. Figures are dimensionless; errors
 are in the natural units of the walker.
 
 1. From the gait's state after impact, the simulator goes through the gait's modes and impacts (mode sequence). It walks
@@ -65,8 +65,8 @@ SUFFICIENT_ERROR = DECISIVE_ERROR / 100
 SPARE_DIRECTIONS = 8
 """Number of random directions per coordinate that are tried if perturbations along a coordinate leave the gait's modes
 on both sides, which happens next to two limits at once."""
-SMALLEST_ORTHOGONAL_PART = 0.1
-"""A further direction is used only if this part of the unit vector is orthogonal to the directions before it."""
+SMALLEST_ORTHOGONAL_COMPONENT = 0.1
+"""A further direction is used only if its unit vector has a longer component orthogonal to the directions before it."""
 
 
 class Outcome(StrEnum):
@@ -393,7 +393,7 @@ def perturbation_claim(return_map: ReturnMap, point: FixedPoint) -> Claim:
     figure, doubt, reason = 0.0, 0.0, ""
     for v in (*np.eye(n), *(w / np.linalg.norm(w) for w in spare)):
         basis = np.linalg.qr(np.array(judged).T)[0] if judged else np.zeros((n, 0))
-        if np.linalg.norm(v - basis @ (basis.T @ v)) <= SMALLEST_ORTHOGONAL_PART:
+        if np.linalg.norm(v - basis @ (basis.T @ v)) <= SMALLEST_ORTHOGONAL_COMPONENT:
             continue
         derivative, error, lost = directional_derivative(
             return_map, point, v, goal=SUFFICIENT_ERROR * size, enough=DECISIVE_ERROR * size

@@ -240,7 +240,7 @@ def _check_state(dynamics: Dynamics, z: Array) -> None:
 
 
 def _nearby_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:
-    """The state next to that of ``start``, for sections on which several states have the same coordinates."""
+    """The state next to that of ``start``, for sections on which more than one state has the same coordinates."""
     problem = start.problem if isinstance(start, Gait) else start
     names, section = dynamics.system.state_names, dynamics.system.section(problem.cycle)
     if isinstance(start, Gait) and start.steps:
