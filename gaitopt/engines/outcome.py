@@ -1,10 +1,10 @@
 """One run of a gait in a physics engine at one time step, compared with the gait.
 
-The engine starts from the gait's state just after an impact. It walks one cycle and continues for the part ``SETTLED``
-of a period, because a soft contact needs some time steps to end its impact. There the states are compared.
+The engine starts from the gait's state just after an impact. It walks one cycle and continues for the fraction
+``SETTLED`` of a period, because a soft contact needs some time steps to end its impact. There the states are compared.
 
     state_error   largest difference of angles, rates and the foot's position and speed, in natural units
-    error_before_impact   the same difference at the part ``SETTLED`` of a period before the last impact
+    error_before_impact   the same difference, the fraction ``SETTLED`` of a period before the last impact
     slip          path of the stance foot forward and backward
     creep         path of the foot while the gait's foot sticks, without the first and last tenth of the phase
     slip_missed, slip_invented   fraction of the cycle in which only the gait slips, or only the engine

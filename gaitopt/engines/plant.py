@@ -46,7 +46,7 @@ from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN
 
 POINT_RADIUS = 1e-6
-"""Radius of the sphere in place of a point foot [m]: one of 0.1 mm rolls by 17 micrometres per second."""
+"""Radius of the sphere that replaces a point foot [m]: one of 0.1 mm rolls by 17 micrometres per second."""
 SAMPLES_PER_ARC = 200
 """Number of heights of the swing foot on every arc, from which scuffing is detected."""
 SPREAD, RIGID = 0.1, 1e-9
@@ -86,8 +86,8 @@ class Tree:
     Attributes
     ----------
     slides : whether no body turns.
-    bases : body and place of the gait's point (x, y) in the first step and in the second one, if the walker has several
-        contacts.
+    bases : body of the gait's point (x, y), and its position on it, in the first step and in the second one, if the
+        walker has named contacts.
     """
 
     bodies: tuple[Body, ...]
@@ -172,7 +172,7 @@ class Reference:
     Attributes
     ----------
     tree : the bodies of the walker.
-    contacts : names of the contacts, if there are several.
+    contacts : names of the contacts; empty for a walker that stands on one foot at a time.
     clock : whether the cycle ends with the clock of the control law rather than with a landing.
     friction : largest coefficient of friction of a foot.
     starts : times of the impacts [s], from 0 to the period.
@@ -218,7 +218,7 @@ class Reference:
         return [foot for foot in range(len(self.tree.feet)) if self.contact(step, foot) in ends]
 
     def stance(self, step: int) -> int:
-        """Index of the stance foot in a step, or of the first one of several contacts."""
+        """Index of the stance foot in a step, or of the first named contact."""
         first = self.system.walker.landing_points()[0]
         return next(foot for foot in range(len(self.tree.feet)) if self.contact(step, foot) == first)
 
@@ -469,14 +469,14 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
     bases = [q[n:], *([mechanism.swing_foot] if swaps else [])]
     touching = [mechanism.contacts[name].position for name in walker.contacts] or bases
     positions, base = [*(body.position for body in mechanism.bodies), *touching, *bases], n_bodies + len(touching)
-    place = Function("points", [q, fields], [horzcat(*positions)])
+    columns = Function("points", [q, fields], [horzcat(*positions)])
     random = np.random.default_rng(0)
     state = {"y": 0.0, **dict(zip(states, gait.state.tolist(), strict=True))}
     start = np.array([state[key] for key in names])
     poses = [start + SPREAD * k * random.uniform(-1, 1, n + 2) for k in (0, 1, 1, 1)]
 
     def points(postures: list[Array]) -> Array:
-        return np.array([np.asarray(place(posture, p)).T for posture in postures])  # (postures, points, 2)
+        return np.array([np.asarray(columns(posture, p)).T for posture in postures])  # (postures, points, 2)
 
     at = points(poses)
     first, links = _rigid_links(at)
@@ -491,8 +491,10 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
         root, centre = next(((link, int(min(ends))) for link, ends in meeting if ends), (root, centre))
     placed, partners = _order(links, root, centre, partner, slides)
     if -1 in partners or {j for link, *_ in placed for j in link} != {*first}:
-        words = "form neither links that are joined at hinges nor bodies that do not turn; an engine needs that"
-        raise ProblemError(f"{name}: the bodies and contacts of a {walker.model} {words}")
+        raise ProblemError(
+            f"{name}: the bodies and contacts of a {walker.model} form neither links that are joined at hinges "
+            "nor bodies that do not turn; an engine needs that"
+        )
     axes = [] if slides else _axes(placed, partners, partner, at[0])
     frames = [_turned(*(sign * (at[0, far] - at[0, near]))) for near, far, sign in axes] or [np.eye(2)] * len(placed)
     carrier = {j: k for k, (link, *_) in reversed([*enumerate(placed)]) for j in link}  # the first link with the point
@@ -664,7 +666,7 @@ def tree_record(gait: Gait) -> dict[str, Any] | None:
     -------
     record : ``start`` has position and rate of every joint of the MJCF file at the start of the cycle;
         ``swing_contact_off`` has, for each step, the times since its start between which the swing foot may scuff; a
-        step in which feet swap roles has several such pairs.
+        step in which feet swap roles has more than one such pair.
     """
     walker = type(gait.problem.walker)
     if not has_links(walker):

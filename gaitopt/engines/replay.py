@@ -1,4 +1,4 @@
-"""A gait replayed in a physics engine: its runs at several time steps, and whether they converge to the gait.
+"""A gait replayed in a physics engine: its runs at different time steps, and whether they converge to the gait.
 
 All runs of one setting share a process, which may crash; ``outcome`` describes what is measured in each run.
 
@@ -54,7 +54,7 @@ LARGEST_DOUBT = 2e-4
 FRICTION_ERROR = 0.01
 """Relative error of the friction that would have to be noticed before an engine is called consistent."""
 NOTICED = 0.8
-"""The error of the friction would be noticed if this part of its effect exceeds the bound of a difference."""
+"""The error of the friction would be noticed if this fraction of its effect exceeds the bound of a difference."""
 SECOND_ORDER_RATIO = 0.25
 """Ratio of successive changes of a limit if halving the time step leaves smooth errors of second order."""
 SAME_PERIOD = 1e-9

@@ -94,9 +94,9 @@ class Simulator:
         self._simulation.nextStep()
         q, v = (values().reshape(-1, 3).copy() for values in (self._bodies.q, self._bodies.velocity))
         if tree.slides:
-            places = [q[:, :2] - [body.com for body in tree.bodies], v[:, :2]]
+            absolute = [q[:, :2] - [body.com for body in tree.bodies], v[:, :2]]
             parents = [body.parent for body in tree.bodies]
-            return *((x - x[parents] * (np.array(parents) >= 0)[:, None]).ravel() for x in places), forces
+            return *((x - x[parents] * (np.array(parents) >= 0)[:, None]).ravel() for x in absolute), forces
         arm, turning = _turned(q[0, 2], tree.bodies[0].com)
         coordinates = np.concatenate([q[0, :2] - arm, tree.relative(q[:, 2])])
         rates = np.concatenate([v[0, :2] - turning * v[0, 2], tree.relative(v[:, 2])])
