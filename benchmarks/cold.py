@@ -24,22 +24,22 @@ def rows() -> list[Row]:
     """Cold commands from an empty run folder, and the memory and disk that ``solve`` takes."""
     commands = {"gaitopt --help": ["--help"], f"gaitopt solve {PROBLEM}, verified": ["solve", PROBLEM, "--json"]}
     measured = []
-    for what, words in commands.items():
-        seconds, peak = best(words)
-        note = weight(peak) if "solve" in words else ""
+    for what, arguments in commands.items():
+        seconds, peak = best(arguments)
+        note = weight(peak) if "solve" in arguments else ""
         measured.append(Row(what=what, way="cold, imports included", seconds=seconds, note=note))
     return measured
 
 
-def best(words: list[str]) -> tuple[float, int]:
-    """Least processor time [s] and memory [bytes] of some processes; a first one compiles the bytecode."""
+def best(arguments: list[str]) -> tuple[float, int]:
+    """Smallest processor time [s] and memory [bytes] of some processes; a first one compiles the bytecode."""
     measured = []
     with tempfile.TemporaryDirectory() as folder:
         environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
         environment["PYTHONPYCACHEPREFIX"] = folder
         for run in range(RUNS + 1):
-            output = ["-o", str(Path(folder) / f"run-{run}")] if "solve" in words else []
-            command = [sys.executable, "-c", LAUNCHER, sys.executable, "-m", "gaitopt", *words, *output]
+            output = ["-o", str(Path(folder) / f"run-{run}")] if "solve" in arguments else []
+            command = [sys.executable, "-c", LAUNCHER, sys.executable, "-m", "gaitopt", *arguments, *output]
             measured.append(subprocess.run(command, env=environment, check=True, capture_output=True).stdout.split())
     seconds, memory = zip(*measured[1:], strict=True)
     return min(map(float, seconds)), min(map(int, memory)) * 1024

@@ -22,11 +22,11 @@ def rows() -> list[Row]:
     return [row(what, command.split()) for what, command in COMMANDS.items()]
 
 
-def row(what: str, words: list[str]) -> Row:
+def row(what: str, arguments: list[str]) -> Row:
     """One command, once."""
     with tempfile.TemporaryDirectory() as folder:
         before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        subprocess.run([sys.executable, "-m", "gaitopt", *words], check=True, capture_output=True, cwd=folder)
+        subprocess.run([sys.executable, "-m", "gaitopt", *arguments], check=True, capture_output=True, cwd=folder)
         seconds, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
     busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return Row(what=what, way=f"{os.cpu_count()} cores", seconds=seconds, note=f"{busy:.3g} s of processors")

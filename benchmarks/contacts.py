@@ -1,4 +1,4 @@
-"""Walkers with several contacts: a simulated step, solve, verify, and a verification in a new process."""
+"""Walkers with named contacts: a simulated step, solve, verify, and a verification in a new process."""
 
 import subprocess
 import sys
@@ -21,7 +21,7 @@ NAMES = {
 
 
 def rows() -> list[Row]:
-    """The least processor time of a step, a solution and a verification of every gait."""
+    """The smallest processor time of a step, a solution and a verification of every gait."""
     gaits = {name: solve(load_problem(name)) for name in NAMES}
     steps = {name: (stepping(gait), f"{len(gait.steps[0].phases)} phases") for name, gait in gaits.items()}
     solved = {name: (partial(solve, load_problem(name)), NAMES[name]) for name in gaits}

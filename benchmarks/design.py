@@ -31,12 +31,12 @@ def design_row(name: str) -> Row:
     gait = solve(load_problem(name))
     seconds, target = time.process_time() - began, TARGETS[name]
     against = "" if target is None else f"; {'within' if seconds <= target else 'OVER'} its {target:g} s"
-    words = f"{gait.status}, {gait.solver['iterations']:.0f} iterations{against}"
-    return Row(what=name, way="gaitopt.solve", seconds=seconds, note=words)
+    note = f"{gait.status}, {gait.solver['iterations']:.0f} iterations{against}"
+    return Row(what=name, way="gaitopt.solve", seconds=seconds, note=note)
 
 
 def start_rows(cores: int) -> list[Row]:
-    """The same starts on one worker and on all cores; that of several workers includes the start of their processes."""
+    """The same starts on one worker and on all cores; the latter includes the start of their processes."""
     rows: list[Row] = []
     for count in dict.fromkeys((1, cores)):
         with TemporaryDirectory() as folder:

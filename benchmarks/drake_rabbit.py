@@ -54,10 +54,10 @@ def plant(*, pinned: bool) -> MultibodyPlant:
         com = np.array([0.0, 0.0, centre])
         unit = UnitInertia(about, about, about).ShiftFromCenterOfMass(com)
         body = model.AddRigidBody(name, SpatialInertia(mass, com, unit))
-        place = model.AddFrame(
+        hinge = model.AddFrame(
             FixedOffsetFrame(f"joint of {name}", parent.body_frame(), RigidTransform([0.0, 0.0, height]))
         )
-        joint = model.AddJoint(RevoluteJoint(name, place, body.body_frame(), ALONG))
+        joint = model.AddJoint(RevoluteJoint(name, hinge, body.body_frame(), ALONG))
         if driven:
             model.AddJointActuator(name, joint)
         parent, height = body, length
@@ -74,8 +74,8 @@ def solver(
     ----------
     after : guessed leans just after the impact; those before it are the same with the legs swapped.
     """
-    held, loose = plant(pinned=True), plant(pinned=False)
-    numbers = {"f": (held, loose), "O": (held.ToAutoDiffXd(), loose.ToAutoDiffXd())}
+    pinned, loose = plant(pinned=True), plant(pinned=False)
+    numbers = {"f": (pinned, loose), "O": (pinned.ToAutoDiffXd(), loose.ToAutoDiffXd())}
     kinds = {
         kind: (*both, *(each.CreateDefaultContext() for each in both), MultibodyForces_[scalar](both[1]))
         for (kind, both), scalar in zip(numbers.items(), (float, AutoDiffXd), strict=True)
@@ -83,8 +83,8 @@ def solver(
     tip, joints = np.array([0.0, 0.0, -0.4]), np.linalg.inv(LEANS)
 
     collocation = DirectCollocation(
-        held, held.CreateDefaultContext(), intervals + 1, 0.2 * step / intervals, 5 * step / intervals,
-        held.get_actuation_input_port().get_index(),
+        pinned, pinned.CreateDefaultContext(), intervals + 1, 0.2 * step / intervals, 5 * step / intervals,
+        pinned.get_actuation_input_port().get_index(),
     )  # fmt: skip
     program = collocation.prog()
     collocation.AddEqualTimeIntervalsConstraints()
@@ -92,17 +92,17 @@ def solver(
         np.full((1, intervals), 1.0), [1.0], [1.0], [collocation.time_step(k)[0] for k in range(intervals)]
     )
 
-    def foot_place(q: Any) -> Any:
+    def foot_position(q: Any) -> Any:
         _, loose, _, at, _ = kinds[q.dtype.kind]
         loose.SetPositions(at, np.concatenate([[0.0, 0.0], q]))
         return loose.CalcPointsPositions(at, loose.GetFrameByName("swing_shin"), tip, loose.world_frame())[[0, 2], 0]
 
     def ground_force(z: Any) -> Any:
         """Normal force, and its distances from both edges of the friction cone."""
-        held, loose, held_at, at, forces = kinds[z.dtype.kind]
-        held.SetPositionsAndVelocities(held_at, z[:10])
-        held.get_actuation_input_port().FixValue(held_at, z[10:])
-        rates = held.EvalTimeDerivatives(held_at).get_generalized_velocity().CopyToVector()
+        pinned, loose, pinned_state, at, forces = kinds[z.dtype.kind]
+        pinned.SetPositionsAndVelocities(pinned_state, z[:10])
+        pinned.get_actuation_input_port().FixValue(pinned_state, z[10:])
+        rates = pinned.EvalTimeDerivatives(pinned_state).get_generalized_velocity().CopyToVector()
         loose.SetPositions(at, np.concatenate([[0.0, 0.0], z[:5]]))
         loose.SetVelocities(at, np.concatenate([[0.0, 0.0], z[5:10]]))
         loose.CalcForceElementsContribution(at, forces)
@@ -125,9 +125,9 @@ def solver(
         program.AddBoundingBoxConstraint(-np.inf, -bent, z[1])
         program.AddBoundingBoxConstraint(bent, np.inf, z[4])
         if 0 < k < intervals:
-            program.AddConstraint(lambda q: foot_place(q)[1:], [0.0], [np.inf], z[:5])
+            program.AddConstraint(lambda q: foot_position(q)[1:], [0.0], [np.inf], z[:5])
     first, last = states[0], states[-1]
-    program.AddConstraint(foot_place, [step, 0.0], [step, 0.0], last[:5])
+    program.AddConstraint(foot_position, [step, 0.0], [step, 0.0], last[:5])
     rates, impulse = program.NewContinuousVariables(7, "after"), program.NewContinuousVariables(2, "impulse")
     program.AddConstraint(impact, np.zeros(9), np.zeros(9), np.concatenate([last, rates, impulse]))
     program.AddLinearConstraint(

@@ -74,10 +74,10 @@ def memory(gait: Gait) -> float:
     """Bytes that every further point keeps when records are streamed, over the second half of a family."""
     request = Request(parameter="friction", to=(END,), verify_every=0)
     tracemalloc.start()
-    held, last = [], deque(maxlen=1)
+    allocated, last = [], deque(maxlen=1)
     for record in follow_family(gait, request):
         last.append(record)
-        held.append(tracemalloc.get_traced_memory()[0])
+        allocated.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    half = held[len(held) // 2 :]
+    half = allocated[len(allocated) // 2 :]
     return float(np.polyfit(np.arange(len(half)), half, 1)[0])

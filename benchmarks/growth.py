@@ -36,9 +36,9 @@ def interval_rows() -> list[Row]:
     rolled = roll_out(gait.dynamics, gait.problem.cycle, gait.state, durations)
     ways = {}
     for count in INTERVALS:
-        parts = [max(2, round(count * duration / durations.sum())) for duration in durations]
-        start = rolled.on_mesh(intervals=parts)
-        ways[f"{sum(parts)} intervals"] = (partial(newton_step, start.equations, start.w, start.p), "")
+        intervals = [max(2, round(count * duration / durations.sum())) for duration in durations]
+        start = rolled.on_mesh(intervals=intervals)
+        ways[f"{sum(intervals)} intervals"] = (partial(newton_step, start.equations, start.w, start.p), "")
     return compared("a step of Newton's method", ways, rounds=3)
 
 
@@ -78,7 +78,7 @@ def first_time(call: Callable[[], object]) -> float:
 
 
 def cycle_rows() -> list[Row]:
-    """The same gait as a cycle of several steps, solved with nothing kept of its mesh."""
+    """The same gait as a cycle of more and more steps, solved with nothing kept of its mesh."""
     ways = {}
     for count in CYCLES:
         problem = load_problem("compass-passive-stick")

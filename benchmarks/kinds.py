@@ -1,4 +1,4 @@
-"""Gaits of other kinds: several steps, two coefficients of friction, a tracked reference; solved and verified."""
+"""Gaits of other kinds: two steps, two coefficients of friction, a tracked reference; solved and verified."""
 
 from functools import partial
 

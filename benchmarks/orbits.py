@@ -36,8 +36,8 @@ VERSION = "3.0.0"
 FOLDER = Path(__file__).parents[1] / "results" / "reference-orbits"
 POSTURES, SMOOTH = 8, 60
 """Postures of a step in a picture, and points of a curve of one arc."""
-DPI, DIGITS, LEAST_SLIP = 90, 12, 0.05
-"""Resolution; digits of a position [m], below which rounding would fill the axis; half of its least range [mm]."""
+DPI, DIGITS, SMALLEST_SLIP = 90, 12, 0.05
+"""Resolution; digits of a position [m], below which rounding would fill the axis; half of its smallest range [mm]."""
 HEAD = """# Reference orbits
 
 {count} periodic orbits of walkers with dry friction, of which {proved} are proved: existence, mode sequence and
@@ -103,8 +103,8 @@ def at_start(mjcf: str, start: dict, friction: float) -> str:
     default = ET.Element("default")
     ET.SubElement(default, "geom", friction=f"{friction!r} 0 0")
     root.insert(1, default)
-    place, rates = (" ".join(repr(joint[key]) for joint in joints) for key in ("position", "rate"))
-    ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="start", qpos=place, qvel=rates)
+    positions, rates = (" ".join(repr(joint[key]) for joint in joints) for key in ("position", "rate"))
+    ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="start", qpos=positions, qvel=rates)
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
@@ -173,7 +173,7 @@ def picture(gait: go.Gait) -> bytes:
     ratio.set(ylabel="f_t / f_n", xlabel="")
     slip.set(ylabel="path [mm]" if gait.system.walker.contacts else "foot x [mm]", xlabel="t [s]")
     low, high = slip.get_ylim()
-    slip.set_ylim(min(low, -LEAST_SLIP), max(high, LEAST_SLIP))
+    slip.set_ylim(min(low, -SMALLEST_SLIP), max(high, SMALLEST_SLIP))
     ratio.set_xlim(slip.get_xlim())
     entries = [
         Line2D([], [], color=MODE_COLOURS[mode], linestyle=dashes(mode), label=MODE_WORDS[mode])
@@ -196,8 +196,8 @@ def readme(orbits: list[dict]) -> str:
     for orbit in orbits:
         motion, name = orbit["orbit"], orbit["name"]
         modes, impacts = (
-            ", ".join(Mode(mode).brief for mode in words)
-            for words in (
+            ", ".join(Mode(mode).brief for mode in recorded)
+            for recorded in (
                 [phase["mode"] for phase in motion["phases"]],
                 [event["impact"] for event in motion["events"] if event["to"] == "impact"],
             )

@@ -1,7 +1,7 @@
 """Processor time of two versions of the package, row by row: ``python benchmarks/paired.py --before COMMIT``.
 
 A process of each version measures the same rows, a row's first call apart from the later ones, and the two take turns
-call by call, so that other work on the machine disturbs both alike. The least processor time of each row counts. A
+call by call, so that other work on the machine disturbs both alike. The smallest processor time of each row counts. A
 ratio above one means that the later version is slower.
 
 A version is a commit, which gets a work tree of its own for the time of the measurement, or a folder. Both run in the
@@ -80,19 +80,19 @@ def main() -> None:
         ]
         if missing := set(options.gaits).difference(gaits):
             print(f"not in both versions: {', '.join(sorted(missing))}", file=sys.stderr)
-        least: list[dict[str, float]] = [{}, {}]
+        shortest: list[dict[str, float]] = [{}, {}]
         for number in range(options.rounds):
             for times, (name, seconds) in one_round((before, after), gaits):
-                least[times][name] = min(least[times].get(name, seconds), seconds)
+                shortest[times][name] = min(shortest[times].get(name, seconds), seconds)
             print(f"round {number + 1} of {options.rounds}", file=sys.stderr)
     rows = [
         {
             "what": name,
             "before": seconds,
-            "after": least[1].get(name),
-            "ratio": least[1].get(name, float("nan")) / seconds,
+            "after": shortest[1].get(name),
+            "ratio": shortest[1].get(name, float("nan")) / seconds,
         }
-        for name, seconds in least[0].items()
+        for name, seconds in shortest[0].items()
     ]
     width = max((len(row["what"]) for row in rows), default=0)
     print(f"{'':{width}}  {'before':>10}  {'after':>10}  ratio")
@@ -165,10 +165,10 @@ def one_round(environments: Sequence[dict[str, str]], gaits: Sequence[str]) -> I
                     yield index, row
         for process in processes:
             process.stdin.close()
-        for name, words in PROCESSES.items():
+        for name, arguments in PROCESSES.items():
             for index, environment in enumerate(environments):
-                output = ["-o", str(Path(folder) / f"run-{index}")] if "solve" in words else []
-                whole = [sys.executable, "-m", "gaitopt", *words, *output]
+                output = ["-o", str(Path(folder) / f"run-{index}")] if "solve" in arguments else []
+                whole = [sys.executable, "-m", "gaitopt", *arguments, *output]
                 yield index, (name, process_seconds(whole, environment, folder))
 
 
@@ -181,7 +181,7 @@ def process_seconds(command: list[str], environment: dict[str, str], folder: str
 
 
 def measured(gaits: Sequence[str]) -> Iterator[tuple[str, float]]:
-    """Rows with their processor time in this process [s]: of each its first call, then the least of every turn."""
+    """Rows with their processor time in this process [s]: of each its first call, then the shortest of every turn."""
     import gaitopt as go
 
     made: dict[str, Any] = {}
@@ -208,11 +208,11 @@ def measured(gaits: Sequence[str]) -> Iterator[tuple[str, float]]:
             made[verb], seconds = timed(call)
             yield f"{row}, first in a process", seconds
             for _ in range(TURNS):
-                least, spent = float("inf"), 0.0
+                shortest, spent = float("inf"), 0.0
                 while spent < SLICE:
                     _, seconds = timed(call)
-                    least, spent = min(least, seconds), spent + seconds
-                yield row, least
+                    shortest, spent = min(shortest, seconds), spent + seconds
+                yield row, shortest
 
 
 if __name__ == "__main__":

@@ -197,8 +197,8 @@ def rows() -> list[Row]:
     found: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
     for _ in range(ROUNDS):
         for way in ways:
-            words = subprocess.run([sys.executable, __file__, way], check=True, capture_output=True, text=True).stdout
-            found[way].append(json.loads(words.splitlines()[-1]))
+            output = subprocess.run([sys.executable, __file__, way], check=True, capture_output=True, text=True).stdout
+            found[way].append(json.loads(output.splitlines()[-1]))
     measured = list[Row]()
     for k, what in enumerate(("optimal gait of RABBIT, first in a process", "the next one, 0.01 m/s slower")):
         best = {way: min(float(times[k][0]) for times in found[way]) for way in ways}

@@ -43,7 +43,7 @@ PACKAGES = {
 def main() -> None:
     """Measure, print the table, write JSON."""
     options = arguments()
-    parts: dict[str, Callable[[], list[Row]]] = {
+    groups: dict[str, Callable[[], list[Row]]] = {
         "cold": cold.rows,
         "walking": partial(walking.rows, options.states, options.workers),
         "peers": peers.rows,
@@ -59,11 +59,11 @@ def main() -> None:
         "designs": design.rows,
     }
     rows: list[Row] = []
-    for part in options.parts or parts:
-        measured = parts[part]()
+    for group in options.parts or groups:
+        measured = groups[group]()
         show(measured)
         rows += measured
-        if options.json is not None:  # after every part, so that an interruption loses only the one at hand
+        if options.json is not None:  # after every group, so that an interruption loses only this one
             record = {"rows": [row.to_record() for row in rows], "machine": machine()}
             options.json.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
 

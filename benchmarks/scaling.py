@@ -1,4 +1,4 @@
-"""Jobs on one worker and on several: what the machinery costs beyond the jobs themselves."""
+"""Jobs on one worker and on more: what the machinery costs beyond the jobs themselves."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""What a measurement is: the best of several calls, a row of the table, and the memory at its fullest."""
+"""What a measurement is: the shortest of many calls, a row of the table, and the memory at its fullest."""
 
 import threading
 import time
@@ -35,10 +35,10 @@ Way = tuple[Callable[[], Any], str]
 def compared(
     what: str, ways: dict[str, Way], *, rounds: int = 5, slice_seconds: float = 0.2, each: int = 1
 ) -> list[Row]:
-    """Rows of several ways to do the same, with their ratios to the first.
+    """Rows of different ways to do the same, with their ratios to the first.
 
     The ways take turns, so that whatever else the machine does disturbs them alike; of each the call counts that took
-    the least processor time.
+    the smallest processor time.
 
     Parameters
     ----------

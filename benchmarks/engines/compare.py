@@ -158,7 +158,7 @@ def error_figure(results: dict) -> Figure:
     for axes, engine in zip(panels, names, strict=False):
         for setting, colour in (("default", COLOURS[1]), ("best", COLOURS[0])):
             replay = of(results, engine, setting)
-            for key, style, words in (
+            for key, style, moment in (
                 ("error_before_impact", "o-", "before the impact"), ("state_error", "s:", "after one cycle")
             ):  # fmt: skip
                 errors = [np.nan if error is None else error for error in replay[key]]
@@ -169,7 +169,7 @@ def error_figure(results: dict) -> Figure:
                     color=colour,
                     ms=3.5,
                     lw=1.2,
-                    label=f"{setting}, {words}",
+                    label=f"{setting}, {moment}",
                 )
         dt = np.array([STEPS[-1], STEPS[0]])
         axes.loglog(1e3 * dt, 2 * dt, color="0.6", lw=0.8, ls="--", label="first order")

@@ -53,7 +53,7 @@ def impact(simulator, dt, settings, lean=0.4, v0=1.0):
 
 
 def limit(reference, simulator, settings, dt=5e-4):
-    """Deviation from the gait before its impact at the time step zero: angles, rates, place and speed of the foot."""
+    """Deviation from the gait before its impact at a time step of zero: angles, rates, foot position and foot speed."""
     coarse, fine = (np.array(run(reference, simulator, h, settings).deviation) for h in (dt, dt / 2))
     return 2 * fine - coarse
 
