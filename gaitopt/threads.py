@@ -54,11 +54,9 @@ def cached_method(
 
 @dataclass(frozen=True, slots=True)
 class Uncompared(Generic[Value]):
-    """An argument of a cached function that does not select the cached result: the first one that is given computes it.
+    """A value that does not count in comparisons of the objects that contain it.
 
-    Attributes
-    ----------
-    value : the argument.
+    As an argument of a cached function it does not select the cached result: the first one that is given computes it.
     """
 
     value: Value = field(compare=False)

@@ -302,7 +302,7 @@ def traced_start(start: CurveStart | SpecialPoint, request: TraceRequest) -> Cur
         raise UnknownNameError(words).concerning("key")
     value = gait.dynamics.parameter(first)
     for name, limit, sign in (("lower", request.lower, -1.0), ("upper", request.upper, 1.0)):
-        if limit is not None and sign * (value - limit) > AT_BOUND * max(abs(limit), AT_BOUND):
+        if limit is not None and _beyond(value, limit, sign) > 1:
             words = f"must be {'at most' if sign < 0 else 'at least'} {first} = {value:.10g}, where the curve begins"
             raise ProblemError(f"{limit:g}: {words}").concerning(name)
     return replace(begin, gait=gait)
@@ -443,7 +443,7 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
     def _reached(self) -> str | None:
         """Why the curve ends at the present point; None if that is within all bounds."""
         for key, limit, sign in self._limits():
-            if sign * (self.point.values[key] - limit) > -AT_BOUND * max(abs(limit), AT_BOUND):
+            if _beyond(self.point.values[key], limit, sign) > -1:
                 return f"reached {key} = {limit:.12g}"
         return None
 
@@ -721,6 +721,11 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             coefficients=values,
             gait=point.gait,
         )
+
+
+def _beyond(value: float, limit: float, sign: float) -> float:
+    """How far a value lies beyond a bound, in multiples of ``AT_BOUND``; ``sign`` is -1 for a lower bound."""
+    return sign * (value - limit) / (AT_BOUND * max(abs(limit), AT_BOUND))
 
 
 def _excess(point: CurvePoint, key: str, limit: float) -> float:

@@ -34,7 +34,7 @@ from gaitopt.model.curve import BeyondEnd, Curve, bernstein_matrix, bezier_curve
 from gaitopt.model.table import LARGEST_POINT, Table, table_curve
 from gaitopt.model.units import DURATION, SMALLEST_SIZE, Angle, Duration, Free, Within, number_or_free, parse_angle
 from gaitopt.model.walker import WalkerType
-from gaitopt.threads import cached_method
+from gaitopt.threads import Uncompared, cached_method
 
 Path = tuple[str | int, ...]
 """Keys that lead to a value."""
@@ -149,6 +149,7 @@ class Reference(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     _known: Curve | None = PrivateAttr(default=None)
     _over_law: bool = PrivateAttr(default=False)  # whether the control law states the argument of the curve
+    _stated_at: Uncompared[Path] = PrivateAttr(default=Uncompared(()))  # see ``place``
 
     def motion(self, phase: str = "", span: tuple[float, float] = (0.0, 1.0)) -> Curve:
         """The curve that the joints follow.
@@ -232,6 +233,11 @@ class Reference(BaseModel):
         """Whether a design keeps the curves invariant under the impact."""
         return bool(getattr(self._section[1], "invariant", None))
 
+    @property
+    def place(self) -> Path:
+        """The keys in the file under which the joints are listed: that of this kind, or of the one that became it."""
+        return self._stated_at.value or (self.kind,)
+
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Mistakes in the reference for a walker: keys with a message for each."""
         yield from self._angle_faults(walker)
@@ -248,9 +254,8 @@ class Reference(BaseModel):
             for path, point in self._points_of(name):
                 if isinstance(point, Free):
                     yield from (((*path, *keys), message) for keys, message in point.faults())
-                bound, reason = largest, limit
-                if not isinstance(self, ConstantReference):
-                    bound = OVERSHOOT * largest
+                bound, reason = self.overshoot * largest, limit
+                if bound > largest:
                     reason = f"control points are at most {bound:g} in size, because {limit}"
                 sizes = [value for value in _extremes(point) if abs(value) > bound]
                 beyond += [(path, f"{value:g} is impossible: {reason}") for value in sizes]
@@ -276,8 +281,8 @@ class Reference(BaseModel):
             yield (*above, "invariant"), reason
         if not self.over_phase:
             if beyond_end is None:
-                kinds = "flow, linear, hold or off" if isinstance(self, GaitReference) else "linear, hold or off"
-                yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
+                remedy = f"give {self.continuations}"
+                yield ("beyond_end",), f"is missing: {remedy}, because a step may last longer than the reference"
             if self._needs_ends and duration is None:
                 remedy = "those of a phase variable need phase: NAME and span: [START, END]"
                 yield (*above, "duration"), f"is missing: curves of time need their duration: SECONDS; {remedy}"
@@ -311,6 +316,8 @@ class Reference(BaseModel):
     # properties that the kinds of references override
 
     kind: ClassVar[str] = ""
+    overshoot: ClassVar[float] = OVERSHOOT
+    continuations: ClassVar[str] = "linear, hold or off"
 
     @property
     def _section(self) -> tuple[Path, object]:
@@ -346,11 +353,11 @@ class Reference(BaseModel):
 
     def _points_of(self, name: str) -> Sequence[tuple[Path, float | Free[float]]]:
         """Paths and values of the control points of a joint."""
-        return [((self.kind, name, k), point) for k, point in enumerate(self.points.get(name, ()))]
+        return [((*self.place, name, k), point) for k, point in enumerate(self.points.get(name, ()))]
 
     def _fault_of(self, joint: str, message: str) -> Fault:
         """A fault of what the reference states about a joint; ``message`` continues the name of its key."""
-        return (self.kind, joint), message
+        return (*self.place, joint), message
 
     def _kind_faults(self) -> Iterator[Fault]:
         """Mistakes that only this kind of reference can have."""
@@ -366,7 +373,7 @@ class Reference(BaseModel):
 class ConstantReference(Reference):
     """Constant angles."""
 
-    kind = "constant"
+    kind, overshoot = "constant", 1.0
     constant: Annotated[
         dict[str, Point],
         Field(
@@ -483,7 +490,7 @@ class TableReference(Reference):
 class GaitReference(Reference):
     """The angles of another gait: its motion in time, or polynomials in a phase variable that are closest to it."""
 
-    kind = "gait"
+    kind, continuations = "gait", "flow, linear, hold or off"
     gait: Annotated[
         Name,
         Field(
@@ -655,7 +662,9 @@ class CurveReference(Reference):
         stated: dict[str, object] = {"bezier": self._unknown(points), "invariant": curve.invariant}
         if not self._over_law:
             stated |= {"phase": self.phase or CLOCK, key: end, "beyond_end": self.beyond_end}
-        return _stated(BezierReference, stated, self._over_law)
+        reference = _stated(BezierReference, stated, self._over_law)
+        reference._stated_at = Uncompared(("curve", "points"))
+        return reference
 
     def _unknown(self, points: Mapping[str, tuple[float, ...]]) -> Points:
         """Control points as unknowns within their bound, by joint."""

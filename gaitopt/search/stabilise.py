@@ -32,6 +32,7 @@ from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.declaration import joint_limits
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.tracking import ProportionalDerivative
+from gaitopt.model.units import Free
 from gaitopt.model.virtual_constraints import FootModel, VirtualConstraints
 from gaitopt.model.walker import WalkerType
 from gaitopt.problem.problem import Problem
@@ -287,7 +288,9 @@ def _designed(candidate: "Candidate", gait: Gait, bound: float, should_stop: Sto
     efforts = _efforts(type(gait.problem.walker))
     fitted = invariant_curves(joints, min(fitted.degree, DESIGN_DEGREE), efforts)
     rows = fitted.rows(joints.names)
-    free = {name: [{"free": [c - AROUND, c + AROUND], "guess": c} for c in row] for name, row in rows.items()}
+    free = {
+        name: [Free[float](free=(c - AROUND, c + AROUND), guess=c).record for c in row] for name, row in rows.items()
+    }
     plain = _problem(gait, {**control, "reference": {"bezier": rows}}, gait)
     constraints: dict[str, object] = {"speed": gait.scalar("speed"), "spectral_radius": {"max": INSIDE * bound}}
     if gait.scalar("slip_distance") == 0:

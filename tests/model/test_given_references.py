@@ -455,6 +455,7 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         ({"curve": {**FREE, **FLAT["curve"]}, **THETA1}, ".curve.duration", "does not apply: curves of a phase"),
         ({"curve": {**FREE, "points": {"theta2": [0, 0, 0.7]}}, **HELD}, ".curve.points.theta2[2]", "0.7 is outside"),
         ({"curve": {**FREE, "points": {"theta2": [0, 0]}}, **HELD}, ".curve.points.theta2", "of degree 2 has 3"),
+        ({"curve": {**FREE, "points": {"hip": [0, 0, 0]}}, **HELD}, ".curve.points.hip", "is not a tracked joint of"),
         (
             {"curve": {**FREE, **FLAT["curve"], "invariant": True}, **HELD},
             ".curve.invariant",
