@@ -267,17 +267,17 @@ def branch_records(run: str | Path, label: str = "") -> tuple[Problem, str, "lis
     return stored_branch(Path(run))
 
 
-def load_special_point(place: str) -> tuple[SpecialPoint, str]:
+def load_special_point(address: str) -> tuple[SpecialPoint, str]:
     """The special point ``RUN@special.K``, and the parameter of its branch."""
-    run, _, index = place.rpartition(SPECIAL)
-    problem, parameter, records = branch_records(run, f"{place}: ")
-    words = f"{run} has no special point {shown(index)}: the special points of its branch are"
-    special = _element([r for r in records if r["record"] == "special"], index, words, ", in the order of the table")
+    run, _, index = address.rpartition(SPECIAL)
+    problem, parameter, records = branch_records(run, f"{address}: ")
+    fault = f"{run} has no special point {shown(index)}: the special points of its branch are"
+    special = _element([r for r in records if r["record"] == "special"], index, fault, ", in the order of the table")
     return special_point(motionless_gait(problem, parameter), parameter, special), parameter
 
 
-def _element(elements: Sequence[Element], index: str, words: str, more: str = "") -> Element:
-    """The element with an index, which counts from 0; the error consists of ``words``, the known indices and ``more``.
+def _element(elements: Sequence[Element], index: str, fault: str, suffix: str = "") -> Element:
+    """The element with an index, which counts from 0; the error consists of ``fault``, the known indices and ``suffix``.
 
     Raises
     ------
@@ -285,11 +285,11 @@ def _element(elements: Sequence[Element], index: str, words: str, more: str = ""
         If there is no such element.
     """
     if index not in map(str, range(len(elements))):
-        raise UnknownNameError(f"{words} {f'0 to {len(elements) - 1}' if elements else 'none'}{more}")
+        raise UnknownNameError(f"{fault} {f'0 to {len(elements) - 1}' if elements else 'none'}{suffix}")
     return elements[int(index)]
 
 
-def load_curve_start(place: str) -> SpecialPoint | CurveStart:
+def load_curve_start(address: str) -> SpecialPoint | CurveStart:
     """The start of a trace at ``RUN@special.K``: a special point of a branch, or a curve that begins at one of a trace.
 
     If several curves begin there, ``RUN@special.K.N`` is the N-th one, from 0; N is 0 by default.
@@ -304,38 +304,40 @@ def load_curve_start(place: str) -> SpecialPoint | CurveStart:
     from gaitopt.runs.results import kind_of
     from gaitopt.runs.trace import restore_trace
 
-    run, at, index = place.rpartition(SPECIAL)
+    run, at, index = address.rpartition(SPECIAL)
     if not at:
-        raise UnknownNameError(f"{place} is not a special point: write RUN@special.K, from 0 in the order of the table")
+        raise UnknownNameError(
+            f"{address} is not a special point: write RUN@special.K, from 0 in the order of the table"
+        )
     if kind_of(Path(run)) != "trace":
-        return load_special_point(place)[0]
+        return load_special_point(address)[0]
     index, dot, number = index.partition(".")
-    words = f"{run} has no special point {shown(index)}: those of its trace are"
-    special = _element(restore_trace(Path(run)).specials, index, words)
+    fault = f"{run} has no special point {shown(index)}: those of its trace are"
+    special = _element(restore_trace(Path(run)).specials, index, fault)
     if not special.next:
-        raise ProblemError(f"{place}: no other curve begins at a special point of type {special.type}")
+        raise ProblemError(f"{address}: no other curve begins at a special point of type {special.type}")
     conditions = ", ".join(start.condition for start in special.next)
-    message = f"{run}{at}{index} has no curve {shown(number)}: the curves that begin there are"
-    return _element(special.next, number if dot else "0", message, f" ({conditions})")
+    fault = f"{run}{at}{index} has no curve {shown(number)}: the curves that begin there are"
+    return _element(special.next, number if dot else "0", fault, f" ({conditions})")
 
 
-def load_branch_point(place: str, label: str = "") -> BranchPoint:
+def load_branch_point(address: str, label: str = "") -> BranchPoint:
     """The point ``RUN@BRANCH.INDEX`` of a branch; error messages begin with ``label``."""
-    run, _, number = place.rpartition("@")
-    problem, parameter, records = branch_records(run, f"{label}{place}: ")
+    run, _, number = address.rpartition("@")
+    problem, parameter, records = branch_records(run, f"{label}{address}: ")
     points = {f"{r['branch']}.{r['index']}": r for r in records if r["record"] == "point"}
     if number not in points:
         raise UnknownNameError(
-            f"{label}{place}: the branch has no point {number}; its points are {next(iter(points))} to "
+            f"{label}{address}: the branch has no point {number}; its points are {next(iter(points))} to "
             f"{list(points)[-1]}, in columns branch and index of branch.csv"
         )
     return branch_point(motionless_gait(problem, parameter), parameter, points[number])
 
 
-def load_attractor(place: str) -> Attractor:
+def load_attractor(address: str) -> Attractor:
     """The attractor ``RUN@attractor.K`` of a basin."""
     from gaitopt.runs.basin import read_basin
 
-    run, _, index = place.rpartition(ATTRACTOR)
-    words = f"{Path(run)}@attractor.{index}: the attractors of this basin are"
-    return _element(read_basin(Path(run)).attractors, index, words)
+    run, _, index = address.rpartition(ATTRACTOR)
+    fault = f"{Path(run)}@attractor.{index}: the attractors of this basin are"
+    return _element(read_basin(Path(run)).attractors, index, fault)

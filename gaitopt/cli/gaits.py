@@ -446,11 +446,11 @@ def prove(
     return _report_proof(go.prove(gait, intervals, output=file, progress=terminal.say), file, terminal)
 
 
-def _prove_special(special_point: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
+def _prove_special(address: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
     from gaitopt.api import stored, verbs
 
-    run, _, number = special_point.rpartition(stored.SPECIAL)
-    special, parameter = stored.load_special_point(special_point)
+    run, _, number = address.rpartition(stored.SPECIAL)
+    special, parameter = stored.load_special_point(address)
     file = (output or Path(run)) / f"special-{number}-{verbs.CERTIFICATE_FILE}"
     name = special.gait.problem.name if special.gait is not None else run
     terminal.say(f"proving {special.type} of {name} near {parameter} = {special.value:.9g}: some minutes")

@@ -780,7 +780,7 @@ class SearchRecord(TypedDict):
     candidates: list[Annotated[CandidateRecord, AfterValidator(_of_cycle)]]
 
 
-class PartRecord(SearchRecord):
+class SearchLineRecord(SearchRecord):
     """A line of the file of a search: the record of a job, and the key of the job."""
 
     part: Word

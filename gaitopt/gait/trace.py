@@ -105,10 +105,10 @@ class TracePoint(ReadOnlyArrays):
     walk: ContinuationState | None = None
 
     def __repr__(self) -> str:
-        return f"<TracePoint {self.curve}.{self.index} at {_place(self.values)}: {self.gait!r}>"
+        return f"<TracePoint {self.curve}.{self.index} at {_point_text(self.values)}: {self.gait!r}>"
 
     def to_record(self) -> dict[str, Any]:
-        """One JSON object: the keys of a gait, and its place on the curve."""
+        """One JSON object: the keys of a gait, and its position on the curve."""
         return {
             "record": "point",
             "curve": self.curve,
@@ -159,8 +159,9 @@ class TraceSpecial:
     gait: Gait | None = None
 
     def __repr__(self) -> str:
-        words = f": {self.reason}" if self.reason else ""
-        return f"<TraceSpecial {self.type} at {_place(self.values)} (curve {self.curve}, {self.status}){words}>"
+        reason = f": {self.reason}" if self.reason else ""
+        at = _point_text(self.values)
+        return f"<TraceSpecial {self.type} at {at} (curve {self.curve}, {self.status}){reason}>"
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object with the keys of the command line."""
@@ -253,5 +254,5 @@ def trace_table(records: Sequence[TraceRecord]) -> tuple[list[str], list[list[An
     return header, rows
 
 
-def _place(values: Mapping[str, float]) -> str:
+def _point_text(values: Mapping[str, float]) -> str:
     return ", ".join(f"{key} = {value:.9g}" for key, value in values.items())

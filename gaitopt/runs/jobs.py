@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Generic, Literal, TypeVar, cast
 from gaitopt.callbacks import Counted, Stop, TimeLimit
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait.gait import Status
-from gaitopt.gait.records import AttemptRecord, CheckedJob, OutcomeRecord, PartRecord, is_gait
+from gaitopt.gait.records import AttemptRecord, CheckedJob, OutcomeRecord, SearchLineRecord, is_gait
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Method, Request
 from gaitopt.search.find import Gaits, SearchPlan, search
@@ -175,8 +175,8 @@ class ResultFile:
 
 
 SOLVED = ResultFile(name="jobs.jsonl", key="job", model=CheckedJob, shared=True)
-SEARCHED = ResultFile(name="find.jsonl", key="part", model=PartRecord)
-"""The file of finished parts of searches. Parts that an earlier version stored under another key are searched again."""
+SEARCHED = ResultFile(name="find.jsonl", key="part", model=SearchLineRecord)
+"""The file of finished jobs of searches. Jobs that an earlier version stored under another key are done again."""
 
 
 def all_results(jobs: ResumableJobs, task: Callable[..., Any], of: Sequence[Job], noun: str) -> list[Any]:
@@ -301,11 +301,11 @@ def _identity(gait: OutcomeRecord) -> tuple[float, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class FindPlan(SearchPlan, Plan[Gaits]):
-    """A search whose finished parts are stored; ``found`` is called with the gaits known so far, see ``search``."""
+    """A search whose finished jobs are stored; ``found`` is called with the gaits known so far, see ``search``."""
 
     results = SEARCHED
     found: Callable[[Gaits], None] | None = None
 
     def result(self, jobs: ResumableJobs) -> Gaits:
-        """The gaits of all parts."""
+        """The gaits of all jobs."""
         return search(self, jobs, found=self.found)

@@ -92,7 +92,7 @@ class Sweep(Plotted):
             "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
             "verified": verified.count(True),
             "refuted": verified.count(False),
-            **({"several": several} if (several := sum("gaits" in record for record in self.records)) else {}),
+            **({"several": ambiguous} if (ambiguous := sum("gaits" in record for record in self.records)) else {}),
             "set_aside": [
                 {"at": record["at"], "reason": record.get("message", "")}
                 for record in self.records
@@ -129,17 +129,17 @@ def sweep_table(sweep: Sweep) -> Table:
         modes = (STOPS_SEPARATOR if any(mode.stops for mode in names) else " ").join(names)
         sequence = f"{modes} / {record['impact']}" if names else ""
         values = [float("nan") if record.get(name) is None else record[name] for name in scalars]
-        several = str(record.get("gaits", 1)) if names and record["status"] == Status.CONVERGED else ""
-        texts = (record["status"], passed, record.get("start", ""), sequence, several)
+        gait_count = str(record.get("gaits", 1)) if names and record["status"] == Status.CONVERGED else ""
+        texts = (record["status"], passed, record.get("start", ""), sequence, gait_count)
         rows.append([*record["at"].values(), *texts, *values])
     return Table(header=(*keys, *TEXT_COLUMNS, *scalars), rows=rows)
 
 
-def read_sweep(place: Path) -> Sweep:
-    """The sweep in a folder, which is a part of the run of its problem: status and scalars of every point."""
-    run, path = Run.at(place), place / TABLE_FILE
+def read_sweep(folder: Path) -> Sweep:
+    """The sweep in a subfolder of the run of its problem: status and scalars of every point."""
+    run, path = Run.at(folder), folder / TABLE_FILE
     record = run.read_record(SWEEP_FILE, SweepRecord)
-    grid = validated(Grid, {"axes": record["over"]}, place / SWEEP_FILE)
+    grid = validated(Grid, {"axes": record["over"]}, folder / SWEEP_FILE)
     rows = parsed(_parse_rows, run.read(TABLE_FILE)[0], path)
     if len(rows) != grid.size:
         raise StorageError(
@@ -148,9 +148,9 @@ def read_sweep(place: Path) -> Sweep:
     points = grid.points(np.arange(grid.size)).tolist()
     keys = [axis.key for axis in grid.axes]
     records = [{**row, "at": dict(zip(keys, point, strict=True))} for row, point in zip(rows, points, strict=True)]
-    swept = Sweep(problem=run.problem(), grid=grid, records=records, folder=place)
+    swept = Sweep(problem=run.problem(), grid=grid, records=records, folder=folder)
     expected = {key: value for key, value in swept.to_record().items() if key != "set_aside"}  # not in the table
-    check_agrees(place / SWEEP_FILE, record, expected, TABLE_FILE)
+    check_agrees(folder / SWEEP_FILE, record, expected, TABLE_FILE)
     return swept
 
 
@@ -193,7 +193,7 @@ class SweepPlan(Plan[Sweep], SweepRequest):
 
     @cached_property
     def run(self) -> Run:
-        """The part of the run with the sweep's table and figures."""
+        """The run, with the subfolder of the sweep's table and figures."""
         return Run(self.folder, f"sweep-{key_of([*map(str, self.grid.axes), *self.identity])[:8]}")
 
     def check(self) -> None:
