@@ -277,7 +277,7 @@ def load_special_point(address: str) -> tuple[SpecialPoint, str]:
 
 
 def _element(elements: Sequence[Element], index: str, fault: str, suffix: str = "") -> Element:
-    """The element with an index, which counts from 0; the error consists of ``fault``, the known indices and ``suffix``.
+    """The element with an index, which counts from 0; the error is ``fault``, the known indices and ``suffix``.
 
     Raises
     ------
