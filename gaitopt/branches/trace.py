@@ -298,8 +298,9 @@ def traced_start(start: CurveStart | SpecialPoint, request: TraceRequest) -> Cur
     if first == request.key:
         raise UnknownNameError(f"{first} is the parameter of the branch: choose another second one").concerning("key")
     if first not in gait.system.parameters:
-        words = f"the friction law of {request.key} lacks {first}, the parameter of the branch"
-        raise UnknownNameError(words).concerning("key")
+        raise UnknownNameError(
+            f"the friction law of {request.key} lacks {first}, the parameter of the branch"
+        ).concerning("key")
     value = gait.dynamics.parameter(first)
     for name, limit, sign in (("lower", request.lower, -1.0), ("upper", request.upper, 1.0)):
         if limit is not None and _beyond(value, limit, sign) > 1:
@@ -392,12 +393,12 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
             return self._special("end", self.point, reason=HALVED)
         if stride(self.point.gait) < VANISHED_STRIDE:
             return self._special("end", self.point, reason=VANISHING)
-        reached = self._reached() if self.index else None
-        reason = reached or self.request.exhausted(self.count, seconds)
+        at_bound = self._bound_reached() if self.index else None
+        reason = at_bound or self.request.exhausted(self.count, seconds)
         if reason is None:
             return None
         end = self._special("end", self.point, reason=reason)
-        return replace(end, bound=reached is not None, open=reached is None)
+        return replace(end, bound=at_bound is not None, open=at_bound is None)
 
     @property
     def own(self) -> MonitorKey | None:
@@ -440,7 +441,7 @@ class CurveWalk(Steps[TracePoint, TraceSpecial]):
         nearest = min(crossings, key=lambda location: location.length, default=None)
         return None if nearest is None else (nearest.point, nearest.length)
 
-    def _reached(self) -> str | None:
+    def _bound_reached(self) -> str | None:
         """Why the curve ends at the present point; None if that is within all bounds."""
         for key, limit, sign in self._limits():
             if _beyond(self.point.values[key], limit, sign) > -1:

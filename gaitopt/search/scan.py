@@ -3,7 +3,7 @@
     d(xi) = P(xi) - xi,        a gait is a zero of d
 
 P maps a state of the section to the state after a whole cycle, by simulation. A scan takes a few milliseconds, or half
-a second if several contacts are decided about, and rules out points of a sweep on which a search would spend seconds. A
+a second for a walker with several contacts, and rules out points of a sweep on which a search would spend seconds. A
 point is ruled out if d has no zero at any sample and, judging by its variation, none between or beyond the samples.
 
 A section with more coordinates is not scanned: a grid that shows how d varies needs some tens of samples along each of
@@ -40,7 +40,7 @@ of samples along each coordinate in the next round, if it does not cover a small
 SAMPLES_BESIDE = 2
 """The next round covers the samples near which the defect may vanish, and this many samples on either side."""
 SHRINKS = 0.5
-"""The next round must cover a smaller part of the section than this; otherwise it would only repeat the last one."""
+"""The next round must cover a smaller fraction of the section than this; else it would only repeat the last one."""
 SWEEP_STEPS = 10**6
 """Number of steps for which the engine of a sweep is chosen."""
 VARIATION = 3.0
