@@ -29,7 +29,7 @@ from gaitopt.show.film import skeleton
 from gaitopt.show.gaits import MODE_COLOURS
 from gaitopt.show.motion import resampled
 from gaitopt.show.orbits import orbit_record
-from gaitopt.show.style import MODE_WORDS, dashes, encoded, figure_style
+from gaitopt.show.style import MODE_NAMES, dashes, encoded, figure_style
 
 VERSION = "3.0.0"
 """Version of the set of orbits; a change of a number or a key changes it."""
@@ -176,7 +176,7 @@ def picture(gait: go.Gait) -> bytes:
     slip.set_ylim(min(low, -SMALLEST_SLIP), max(high, SMALLEST_SLIP))
     ratio.set_xlim(slip.get_xlim())
     entries = [
-        Line2D([], [], color=MODE_COLOURS[mode], linestyle=dashes(mode), label=MODE_WORDS[mode])
+        Line2D([], [], color=MODE_COLOURS[mode], linestyle=dashes(mode), label=MODE_NAMES[mode])
         for mode in dict.fromkeys(
             Mode.of_feet({FOOT: mode.contacts[name], SWING_FOOT: OFF})
             for mode, _ in gait.phases

@@ -39,7 +39,7 @@ from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.show.motion import Motion, cycle_sentence, motor_label, time_label, with_start_times
-from gaitopt.show.style import MODE_WORDS
+from gaitopt.show.style import MODE_NAMES
 
 FRAMES = 72
 """Largest number of frames of a cycle; a page draws smooth curves through them."""
@@ -501,7 +501,7 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
 
 def _overall(mode: Mode) -> str:
     """The mode that determines the colour of a phase, one for all contacts."""
-    states = [state for state in mode.contacts.values() if state in MODE_WORDS]
+    states = [state for state in mode.contacts.values() if state in MODE_NAMES]
     return next((state for state in states if state != Mode.STICK), states[0] if states else str(Mode.FLIGHT))
 
 

@@ -49,7 +49,7 @@ from gaitopt.show.style import (
     HEIGHT,
     JUMP,
     MODE_COLOURS,
-    MODE_WORDS,
+    MODE_NAMES,
     NEUTRAL,
     SLIP_DASHES,
     Label,
@@ -237,11 +237,11 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch | Line2D]:
     for row, (motion, name) in enumerate(rows):
         for began, step in with_start_times(motion.steps):
             for arc in step.arcs:
-                word = arc.mode.contacts[name] if arc.mode.touching else Mode.FLIGHT
-                if word != OFF:
-                    begin, colour = began + arc.start, MODE_COLOURS[Mode(word)]
+                state = arc.mode.contacts[name] if arc.mode.touching else Mode.FLIGHT
+                if state != OFF:
+                    begin, colour = began + arc.start, MODE_COLOURS[Mode(state)]
                     axes.barh(row, arc.duration, left=begin, height=BAR_HEIGHT, color=colour, linewidth=0)
-                    if arc.duration < NARROW_BAR * whole and Mode(word).slips:
+                    if arc.duration < NARROW_BAR * whole and Mode(state).slips:
                         style: dict[str, Any] = {
                             "color": colour,
                             "markeredgecolor": "black",
@@ -251,7 +251,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch | Line2D]:
                         centre = begin + arc.duration / 2, row - BAR_HEIGHT / 2 - 0.02
                         axes.plot(*centre, marker=CARETDOWNBASE, markersize=5, linestyle="", zorder=3, **style)
                         narrow = True
-                    present.add(Mode(word))
+                    present.add(Mode(state))
     labels = [motion.name if len(motions) > 1 else "" for motion, _ in rows]
     own = [motion.walker.label(name).replace("_", " ") for motion, name in rows]
     labels = [": ".join(filter(None, pair)) for pair in zip(labels, own, strict=True)]
@@ -262,7 +262,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch | Line2D]:
     for spine in axes.spines.values():
         spine.set_visible(False)
     entries: list[Patch | Line2D] = [
-        Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in MODE_COLOURS if mode in present
+        Patch(color=MODE_COLOURS[mode], label=MODE_NAMES[mode]) for mode in MODE_COLOURS if mode in present
     ]
     return entries + [entry("a slip too short to see", marker=CARETDOWNBASE, linestyle="")] * narrow
 

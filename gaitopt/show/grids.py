@@ -86,12 +86,12 @@ def sweep(result: Sweep, scalar: str) -> Figure:
     with figure_style():
         if curve:
             handles = []
-            (places,) = map(in_given_unit, grid.axes)
-            axes.plot(places, values, ".-", color=COLOURS[0], linewidth=1.2)
+            (abscissae,) = map(in_given_unit, grid.axes)
+            axes.plot(abscissae, values, ".-", color=COLOURS[0], linewidth=1.2)
             if scalar == "spectral_radius":
                 axes.axhline(BOUNDARY, color=NEUTRAL, linewidth=0.8)
-            margin = MARGIN * np.ptp(places)
-            axes.set_xlim(places.min() - margin, places.max() + margin)
+            margin = MARGIN * np.ptp(abscissae)
+            axes.set_xlim(abscissae.min() - margin, abscissae.max() + margin)
         else:
             handles = _heat_map(figure, axes, result, scalar)
         # a search with a given mode sequence says nothing about other phases

@@ -49,7 +49,7 @@ from gaitopt.show.motion import (
 )
 from gaitopt.show.replays import replayed_motion
 from gaitopt.show.robustness import ALL, strips
-from gaitopt.show.style import FLIGHT_DOTS, MODE_WORDS, SLIP_DASHES, dashes, encoded, label, parameter_of, symbol
+from gaitopt.show.style import FLIGHT_DOTS, MODE_NAMES, SLIP_DASHES, dashes, encoded, label, parameter_of, symbol
 from gaitopt.show.tables import printed, robustness_rows
 from gaitopt.store.run import Manifest
 from gaitopt.systems import problem_dynamics
@@ -394,8 +394,8 @@ def _special(record: Record) -> dict[str, Any]:
     gait = record.get("gait") or {}
     known = {key: record.get(key) for key in ("branch", "type", "value", "status", "next")}
     reason = record.get("reason", "")
-    for mode, written in MODE_WORDS.items():
-        reason = reason.replace(mode, written)
+    for mode, name in MODE_NAMES.items():
+        reason = reason.replace(mode, name)
     known |= {"reason": reason, "bound": ends_by_request(record)}
     return {**known, **_of_each_step(gait), "scalars": numbers(gait)["scalars"] if gait else {}}
 

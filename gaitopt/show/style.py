@@ -36,7 +36,7 @@ https://personal.sron.nl/~pault/."""
 MODE_COLOURS = {
     Mode.STICK: "#4d4d4d", Mode.SLIP_FORWARD: "#e69f00", Mode.SLIP_BACKWARD: "#56b4e9", Mode.FLIGHT: "#9bd1b3",
 }  # fmt: skip
-MODE_WORDS = {mode: mode.replace("_", " ") for mode in MODE_COLOURS}
+MODE_NAMES = {mode: mode.replace("_", " ") for mode in MODE_COLOURS}
 NEUTRAL = "#757575"
 """Colour of legend entries that stand for all curves; it is visible on white and on black."""
 SLIP_DASHES, FLIGHT_DOTS = (0, (3.5, 1.8)), (0, (1, 1.6))

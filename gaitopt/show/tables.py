@@ -337,10 +337,10 @@ def print_atlas(console: Console, record: Record) -> None:
     for region in record["regions"]:
         gait, at = region.get("gait") or {}, region.get("at") or {}
         stable = "" if region["stable"] is None else STABILITY[region["stable"]]
-        places = [number(_in_unit(at[axis["key"]], axis)) if at else "" for axis in axes]
+        point = [number(_in_unit(at[axis["key"]], axis)) if at else "" for axis in axes]
         remark = region.get("reason", "verified" if gait else "")
         figures = number(gait["spectral_radius"]) if gait else ""
-        rows.append((f"{region['area']:.1%}", region["modes"], stable, *places, figures, remark))
+        rows.append((f"{region['area']:.1%}", region["modes"], stable, *point, figures, remark))
     columns = ("area", MODES, "", *(f"gait at {key}" for key in keys), "radius", "")
     section(console, "regions", columns, rows, numbers=(0, 3, 4, 5))
     if record["points"]:

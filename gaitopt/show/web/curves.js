@@ -39,7 +39,7 @@ function stepEnds({ phases }) {
 
 const STROKES = { stick: "", flight: "flying" };
 
-// What matters of a phase with several contacts: whether any sticks, all slip, or none touches the ground.
+// The mode of all contacts of a phase: stick if any sticks, slip if all on the ground slip, flight if none touches it.
 function overall(contacts) {
   const touching = contacts.filter((mode) => mode);
   return touching.length === 0 ? "flight" : touching.includes("stick") ? "stick" : "slip";
@@ -107,7 +107,7 @@ function ratios(moving) {
   });
 }
 
-// The contacts by their colours, if there are several.
+// Legend entries of the contacts that touch the ground; of an only contact, the stance foot.
 function contactKey({ contacts, phases }) {
   if (contacts.length === 1) return [["first", "stance foot"]];
   const key = contacts.map(({ name }, n) => [COLOURS[n % COLOURS.length], name.replaceAll("_", " ")]);
@@ -180,7 +180,7 @@ function multiplierPlane(host, gait) {
   new Chart(host, options, (chart) => {
     const turn = Array.from({ length: 121 }, (_, k) => (2 * Math.PI * k) / 120);
     chart.line(turn.map((angle) => [Math.cos(angle), Math.sin(angle)]), "axis");
-    const beyond = new Map(); // places at the edge with the sizes of their multipliers
+    const beyond = new Map(); // points at the edge with the sizes of their multipliers
     for (const [re, im] of gait.multipliers) {
       const size = Math.max(Math.abs(re), Math.abs(im)) / reach;
       const [x, y] = size > 1 ? [re / size, im / size] : [re, im];

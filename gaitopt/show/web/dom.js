@@ -27,11 +27,11 @@ function scrolling() {
   return STILL.matches ? "auto" : "smooth";
 }
 
-const MODE_WORDS = { stick: "stick", slip_forward: "slip forward", slip_backward: "slip backward", flight: "flight" };
+const MODE_NAMES = { stick: "stick", slip_forward: "slip forward", slip_backward: "slip backward", flight: "flight" };
 
 function modeKey(modes) {
   const key = html("p", { class: "key" });
-  for (const mode of Object.keys(MODE_WORDS).filter((mode) => modes.includes(mode)))
-    key.append(html("span", {}, html("span", { class: `swatch ${mode}` }), ` ${MODE_WORDS[mode]}`));
+  for (const mode of Object.keys(MODE_NAMES).filter((mode) => modes.includes(mode)))
+    key.append(html("span", {}, html("span", { class: `swatch ${mode}` }), ` ${MODE_NAMES[mode]}`));
   return key;
 }
