@@ -52,7 +52,7 @@ SLIPPERY = 0.3
 """Factor of the friction that a gait needs: the gait is continued to it, and ``explain`` is asked why there is none."""
 FEW_POINTS = 60
 """Number of points of a continuation in friction."""
-LEAST_FRICTION = 1e-9
+SMALLEST_FRICTION = 1e-9
 """A gait that needs less has no tangential forces."""
 BESIDE = 1e-3
 """Relative distance from the end of a mode sequence at which gaits exist on one side only."""
@@ -95,7 +95,7 @@ class Row:
     Attributes
     ----------
     name : of the structure.
-    example : in words, and its problem.
+    example : description of the example, and its problem.
     """
 
     name: str
@@ -207,7 +207,7 @@ def _nearby(row: Row) -> go.Problem:
 def _slippery(row: Row) -> dict[str, float]:
     """Coefficients of friction that are too small for the sticking phases of the gait; empty if it needs none."""
     needed = gait_of(row).measures.get("required_friction")
-    if needed is not None and needed < LEAST_FRICTION:
+    if needed is not None and needed < SMALLEST_FRICTION:
         return {}
     frictions = {key: value for key, value in row.problem().parameters.items() if key.partition(".")[0] == "friction"}
     frictions = {key: value for key, value in frictions.items() if not key.endswith("viscous")}
@@ -265,8 +265,8 @@ def _continue(row: Row, folder: Path) -> None:
     alone = go.solve(gait.problem.replace({GRAVITY: value}), progress=False)
     end = go.continuation(gait, GRAVITY, to=value, progress=False)[-1].gait
     assert end.period == pytest.approx(alone.period, rel=1e-8)
-    for key, least in [*_slippery(row).items()][-1:]:
-        branch = go.continuation(gait, key, to=least, max_points=FEW_POINTS, progress=False)
+    for key, smallest in [*_slippery(row).items()][-1:]:
+        branch = go.continuation(gait, key, to=smallest, max_points=FEW_POINTS, progress=False)
         for number in {point.branch for point in branch}:
             points = branch.branch(number).points
             assert go.verify(points[len(points) // 2].gait).passed
@@ -433,7 +433,7 @@ class Column:
     """A verb and the check of its cells."""
 
     name: str
-    words: str
+    check_text: str
     check: Callable[[Row, Path], None]
 
 
@@ -561,7 +561,7 @@ def page() -> str:
         cells = (str(numbers[REASONS[key]]) if key in REASONS else "✓" for key in keys)
         lines.append(f"| {row.name} | {row.example} | {' | '.join(cells)} |")
     lines += ["", "## Checks", "| column | check |", "|---|---|"]
-    lines += [f"| {column.name} | {column.words} |" for column in COLUMNS]
+    lines += [f"| {column.name} | {column.check_text} |" for column in COLUMNS]
     lines += ["", "## Reasons"]
     lines += [f"{number}. {reason[0].upper()}{reason[1:]}." for reason, number in numbers.items()]
     return "\n".join(lines) + "\n"
@@ -618,11 +618,11 @@ def run_row(number: int) -> tuple[int, int]:
     passed = 0
     for column in columns:
         try:
-            words = failure(row, column)
+            report = failure(row, column)
         except pytest.skip.Exception as missing:  # an engine
-            words = str(missing)
-        passed += not words
-        sys.stdout.write(f"{row.name}, {column.name}: {words or 'passed'}\n")
+            report = str(missing)
+        passed += not report
+        sys.stdout.write(f"{row.name}, {column.name}: {report or 'passed'}\n")
         sys.stdout.flush()
     return passed, len(columns)
 

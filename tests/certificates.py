@@ -68,7 +68,7 @@ def reworded(certificate, *changes, within=()):
 
     Parameters
     ----------
-    changes : pairs of old and new words.
+    changes : pairs of old and new text.
     within : names of problems that the text names, from the outside inwards, if the text of the last one changes.
     """
     certificate = spoiled(certificate)

@@ -73,20 +73,20 @@ class Sled(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        places = {
+        positions = {
             "rear": vertcat(q.x - q.behind, q.y + q.rear_rise),
             "middle": vertcat(q.x, q.y),
             "front": vertcat(q.x + q.ahead, q.y + q.front_rise),
         }
         masses = {"rear": p.rear_mass, "middle": p.middle_mass, "front": p.front_mass}
         return Mechanism(
-            bodies=tuple(Body(mass=masses[name], position=place) for name, place in places.items()),
+            bodies=tuple(Body(mass=masses[name], position=position) for name, position in positions.items()),
             gravity=vertcat(0, -p.gravity),
             upright=SX(1),
             motors=(q.ahead, q.behind),
             potential=p.stiffness / 2 * ((q.ahead - p.rest) ** 2 + (q.behind - p.rest) ** 2),
             dampers=tuple(Damper(coefficient=p.damping, across=gap) for gap in (q.ahead, q.behind)),
-            contacts={name: Contact(position=place) for name, place in places.items()},
+            contacts={name: Contact(position=position) for name, position in positions.items()},
             length=SX(p.rest),
         )
 

@@ -1,4 +1,4 @@
-"""Walkers with several contacts, each with numbers and with mechanics written by hand as an oracle."""
+"""Walkers with named contacts, each with numbers and with mechanics written by hand as an oracle."""
 
 from dataclasses import dataclass
 from functools import cache

@@ -31,12 +31,13 @@ def with_section(
     name: str,
     at: float,
     touchdown: Callable[[SX], SX] | None = None,
-    place: float = 0.0,
+    by_x: float = 0.0,
     factor: float = 1.0,
 ) -> type[Walker]:
     """A walker with a margin that falls to zero where its first coordinate is ``at``, and another touchdown.
 
-    The margin also vanishes where this coordinate is zero or ``factor``, if that is not one.
+    The margin also vanishes where this coordinate is zero or ``factor``, if that is not one. It falls by ``by_x`` per
+    metre along the ground.
     """
 
     class Sectioned(base):
@@ -49,7 +50,7 @@ def with_section(
             guard = plain.touchdown if touchdown is None else plain.touchdown * touchdown(vars(q)[first])
             angle = vars(q)[first]
             factors = 1.0 if factor == 1.0 else angle * (angle - factor)
-            margins = {"middle": lambda dq: (at - angle - place * q.x) * factors}
+            margins = {"middle": lambda dq: (at - angle - by_x * q.x) * factors}
             return replace(plain, sections=margins, touchdown=guard)
 
     return Sectioned

@@ -1,8 +1,8 @@
-"""Spoil the package at one place after the other, chosen by a seed, and list what the quick tests do not notice.
+"""Spoil the package at one point after the other, chosen by a seed, and list what the quick tests do not notice.
 
     python tests/mutants.py --seed 1 --count 50
 
-A place is a sign in a formula, a comparison, or a tolerance. Of each mutant the test files that import its module run,
+A point is a sign in a formula, a comparison, or a tolerance. Of each mutant the test files that import its module run,
 until one test fails; with ``--against FILE`` the tests named there follow, so that two sets of tests are compared.
 """
 
@@ -55,7 +55,7 @@ class Mutant:
 def between(
     text: list[str], left: ast.expr, right: ast.expr, pair: tuple[str, str]
 ) -> Iterator[tuple[int, int, str, str]]:
-    """The place of an operator between two operands on one line of ASCII."""
+    """Line and column of an operator between two operands on one line of ASCII."""
     line = text[left.end_lineno - 1]
     if left.end_lineno == right.lineno and line.isascii():
         column = line.find(pair[0], left.end_col_offset, right.col_offset)
@@ -67,7 +67,7 @@ def is_tolerance(constant: ast.Constant) -> bool:
     return isinstance(constant.value, float) and 0 < constant.value < SMALL
 
 
-def places(file: Path) -> Iterator[Mutant]:
+def mutants(file: Path) -> Iterator[Mutant]:
     """All mutants of a file."""
     text = file.read_text()
     lines, name = text.splitlines(), file.relative_to(ROOT).as_posix()
@@ -80,14 +80,14 @@ def places(file: Path) -> Iterator[Mutant]:
         elif isinstance(node, ast.Assign) and isinstance(value := node.value, ast.Constant) and is_tolerance(value):
             old = lines[value.lineno - 1][value.col_offset : value.end_col_offset]
             found = iter([(value.lineno, value.col_offset, old, repr(value.value * FACTOR))])
-        yield from (Mutant(name, *place) for place in found)
+        yield from (Mutant(name, *change) for change in found)
 
 
 def chosen(seed: int, count: int) -> list[Mutant]:
     """Mutants of all packages, the same number of each."""
     rng, packages = random.Random(seed), []
     for package in PACKAGES:
-        own = [mutant for file in sorted((ROOT / "gaitopt" / package).rglob("*.py")) for mutant in places(file)]
+        own = [mutant for file in sorted((ROOT / "gaitopt" / package).rglob("*.py")) for mutant in mutants(file)]
         packages.append(rng.sample(own, min(count, len(own))))
     return [mutant for turn in zip(*packages, strict=False) for mutant in turn][:count]
 
@@ -136,8 +136,8 @@ def main() -> None:
             kept = by or killed(
                 Path(scratch), [t for t in others if t.startswith(f"tests/{mutant.package}/")], "-m", ""
             )
-        words = by or (f"SURVIVES, but {kept}" if kept else "SURVIVES")
-        sys.stdout.write(f"{number} {mutant} | {words}\n")
+        result = by or (f"SURVIVES, but {kept}" if kept else "SURVIVES")
+        sys.stdout.write(f"{number} {mutant} | {result}\n")
         sys.stdout.flush()
 
 

@@ -44,8 +44,8 @@ def mutated_numbers(seed: int, count: int, names: tuple[str, ...]) -> Iterator[s
         name = names[rng.integers(len(names))]
         data = parse_source(load_problem(name).text, name).data
         for _ in range(rng.integers(1, 4)):
-            places = [(holder, key) for holder, key in _places(data) if isinstance(holder[key], int | float)]
-            holder, key = places[rng.integers(len(places))]
+            entries = [(holder, key) for holder, key in _entries(data) if isinstance(holder[key], int | float)]
+            holder, key = entries[rng.integers(len(entries))]
             holder[key] *= float(rng.choice([-1, 1]) if rng.random() < 0.2 else 10 ** (3 * rng.standard_normal()))
         if rng.random() < 0.2:
             phases = data["gait"].get("steps", [data["gait"]])[0]["phases"]
@@ -62,17 +62,17 @@ def _spoiled_text(text: str, rng: np.random.Generator) -> str:
     elif action == 1:
         lines.insert(k, lines[int(rng.integers(len(lines)))])
     else:
-        place, character = int(rng.integers(len(lines[k]))), CHARACTERS[rng.integers(len(CHARACTERS))]
-        lines[k] = lines[k][:place] + character + lines[k][place + (action == 2) :]
+        column, character = int(rng.integers(len(lines[k]))), CHARACTERS[rng.integers(len(CHARACTERS))]
+        lines[k] = lines[k][:column] + character + lines[k][column + (action == 2) :]
     return "".join(lines)
 
 
 def _spoil(data: object, rng: np.random.Generator) -> None:
     """Change one entry somewhere in nested mappings and lists."""
-    places = list(_places(data))
-    if not places:
+    entries = list(_entries(data))
+    if not entries:
         return
-    holder, key = places[rng.integers(len(places))]
+    holder, key = entries[rng.integers(len(entries))]
     value, action = holder[key], rng.integers(6)
     if action <= 2 and isinstance(value, int | float) and not isinstance(value, bool):
         holder[key] = value * FACTORS[rng.integers(len(FACTORS))]
@@ -86,9 +86,9 @@ def _spoil(data: object, rng: np.random.Generator) -> None:
         holder[key] = json.loads(json.dumps(VALUES[rng.integers(len(VALUES))]))
 
 
-def _places(data: object) -> Iterator[tuple[dict | list, str | int]]:
+def _entries(data: object) -> Iterator[tuple[dict | list, str | int]]:
     """Every mapping or list with each of its keys."""
-    entries = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
-    for key, value in entries:
+    pairs = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in pairs:
         yield data, key
-        yield from _places(value)
+        yield from _entries(value)

@@ -180,27 +180,27 @@ def constrained(
     gravity: Array,
     q: Array,
     dq: Array,
-    held: Array | Sequence = (),
+    constraints: Array | Sequence = (),
     pushes: Array | None = None,
     loads: Array | float = 0.0,
     inertia: Array | float = 0.0,
 ) -> tuple[Array, Array]:
     """Accelerations of point masses, and forces of constraints.
 
-    J' m (J ddq + dJ dq - g) + inertia ddq = loads + pushes' forces and held ddq = 0, as one linear system.
+    J' m (J ddq + dJ dq - g) + inertia ddq = loads + pushes' forces and constraints @ ddq = 0, as one linear system.
     """
-    held, m, h = np.reshape(held, (-1, len(q))), np.repeat(masses, 2), 1e-6
-    pushes, J = held if pushes is None else pushes, jacobian(positions, q)
+    constraints, m, h = np.reshape(constraints, (-1, len(q))), np.repeat(masses, 2), 1e-6
+    pushes, J = constraints if pushes is None else pushes, jacobian(positions, q)
     bias = (jacobian(positions, q + h * dq) - jacobian(positions, q - h * dq)) @ dq / (2 * h)
-    K = np.block([[J.T * m @ J + inertia, -pushes.T], [held, np.zeros((len(held), len(held)))]])
+    K = np.block([[J.T * m @ J + inertia, -pushes.T], [constraints, np.zeros((len(constraints), len(constraints)))]])
     right = J.T @ (m * (np.tile(gravity, len(masses)) - bias)) + loads
-    return tuple(np.split(np.linalg.solve(K, [*right, *np.zeros(len(held))]), [len(q)]))
+    return tuple(np.split(np.linalg.solve(K, [*right, *np.zeros(len(constraints))]), [len(q)]))
 
 
 class Crawl(NamedTuple):
-    """The cycle of a crawler whose masses slide in turn: least and largest gap, ratios and times of both slides."""
+    """The cycle of a crawler whose masses slide in turn: smallest and largest gap, ratios and times of both slides."""
 
-    least: Any
+    smallest: Any
     largest: Any
     factors: tuple[Any, Any]
     times: tuple[Any, Any]
@@ -221,8 +221,8 @@ def crawl(front: Any, rear: Any, slope: Any, number: Callable[[str], Any] = floa
         balance = rest + sign * (force + m * along - mu * m * normal) / k
         slides.append((balance, functions.exp(-s * functions.pi / w), functions.pi / w))
     (g1, e1, t1), (g2, e2, t2) = slides
-    least = (g2 * (1 + e2) - e2 * g1 * (1 + e1)) / (1 - e1 * e2)
-    return Crawl(least, g1 + e1 * (g1 - least), (e1, e2), (t1, t2))
+    smallest = (g2 * (1 + e2) - e2 * g1 * (1 + e1)) / (1 - e1 * e2)
+    return Crawl(smallest, g1 + e1 * (g1 - smallest), (e1, e2), (t1, t2))
 
 
 def slope_gravity(g: float, slope: float) -> Array:
@@ -379,7 +379,7 @@ def state_for(mode: Mode, z: Array) -> Array:
 
 
 def numbers(values: object) -> list[Array]:
-    """Results of a compiled function as flat arrays, or as matrices where they have several columns."""
+    """Results of a compiled function as flat arrays, or as matrices where they have more than one column."""
     arrays = [np.asarray(value) for value in (values if isinstance(values, tuple | list) else (values,))]
     return [array.ravel() if 1 in array.shape or array.size == 0 else array for array in arrays]
 

@@ -32,9 +32,9 @@ def differing(data: dict[str, Any]) -> list[str]:
     return [group for group, error in PROGRAM["judge"](data).items() if not error <= PROGRAM["LIMITS"][group]]
 
 
-def changed(data: dict[str, Any], place: str, change: Callable[[Any], Any]) -> dict[str, Any]:
-    """The orbit with another entry at a place, whose keys are separated by slashes."""
-    *path, last = (int(key) if key.isdigit() else key for key in place.split("/"))
+def changed(data: dict[str, Any], key_path: str, change: Callable[[Any], Any]) -> dict[str, Any]:
+    """The orbit with another entry at a path of keys, which slashes separate."""
+    *path, last = (int(key) if key.isdigit() else key for key in key_path.split("/"))
     entry: Any = data
     for key in path:
         entry = entry[key]

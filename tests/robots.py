@@ -11,7 +11,7 @@ Vector = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part:
+class RobotLink:
     """A link in the zero pose of the file, in the axes of the world: x forward, z up."""
 
     name: str
@@ -26,38 +26,38 @@ class Part:
     foot: tuple[float, float, float] | None = None
 
 
-def urdf(parts: list[Part], extra: str = "") -> str:
-    """The text of a file, with every frame turned as its part says."""
-    by_name, lines = {part.name: part for part in parts}, ['<?xml version="1.0"?>', '<robot name="tree">']
-    for part in parts:
-        inverse = part.frame.inv()
-        com = inverse.apply(np.array(part.com) - part.at)
-        turned = inverse.as_matrix() @ np.diag(part.inertia) @ inverse.as_matrix().T
+def urdf(robot_links: list[RobotLink], extra: str = "") -> str:
+    """The text of a file, with every frame turned as its link says."""
+    by_name, lines = {link.name: link for link in robot_links}, ['<?xml version="1.0"?>', '<robot name="tree">']
+    for link in robot_links:
+        inverse = link.frame.inv()
+        com = inverse.apply(np.array(link.com) - link.at)
+        turned = inverse.as_matrix() @ np.diag(link.inertia) @ inverse.as_matrix().T
         entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-        inertia = " ".join(f'{key}="{float(turned[place])!r}"' for key, place in entries.items())
+        inertia = " ".join(f'{key}="{float(turned[entry])!r}"' for key, entry in entries.items())
         lines += [
-            f'<link name="{part.name}"><inertial><origin xyz="{_text(com)}"/><mass value="{part.mass!r}"/>'
+            f'<link name="{link.name}"><inertial><origin xyz="{_text(com)}"/><mass value="{link.mass!r}"/>'
             f"<inertia {inertia}/></inertial></link>"
         ]
-        if part.parent:
-            parent = by_name[part.parent]
-            turn, axis = parent.frame.inv() * part.frame, inverse.apply([0.0, float(part.sign), 0.0])
-            shift = parent.frame.inv().apply(np.array(part.at) - parent.at)
+        if link.parent:
+            parent = by_name[link.parent]
+            turn, axis = parent.frame.inv() * link.frame, inverse.apply([0.0, float(link.sign), 0.0])
+            shift = parent.frame.inv().apply(np.array(link.at) - parent.at)
             lines += [
-                f'<joint name="{part.joint}" type="continuous"><parent link="{parent.name}"/>'
-                f'<child link="{part.name}"/><origin xyz="{_text(shift)}" rpy="{_text(turn.as_euler("xyz"))}"/>'
+                f'<joint name="{link.joint}" type="continuous"><parent link="{parent.name}"/>'
+                f'<child link="{link.name}"/><origin xyz="{_text(shift)}" rpy="{_text(turn.as_euler("xyz"))}"/>'
                 f'<axis xyz="{_text(axis)}"/></joint>'
             ]
-        if part.foot is not None:
-            shift = inverse.apply(np.array(part.foot) - part.at)
+        if link.foot is not None:
+            shift = inverse.apply(np.array(link.foot) - link.at)
             lines += [
-                f'<link name="{part.name}_foot"/><joint name="{part.name}_sole" type="fixed">'
-                f'<parent link="{part.name}"/><child link="{part.name}_foot"/><origin xyz="{_text(shift)}"/></joint>'
+                f'<link name="{link.name}_foot"/><joint name="{link.name}_sole" type="fixed">'
+                f'<parent link="{link.name}"/><child link="{link.name}_foot"/><origin xyz="{_text(shift)}"/></joint>'
             ]
     return "\n".join([*lines, extra, "</robot>"]) + "\n"
 
 
-def tree(links: int, seed: int = 0) -> list[Part]:
+def tree(links: int, seed: int = 0) -> list[RobotLink]:
     """A torso with two legs of (links - 1) / 2 links; of 9, two are arms. All frames but the root's are random."""
     random = np.random.default_rng([links, seed])
     arms = links == 9
@@ -66,7 +66,7 @@ def tree(links: int, seed: int = 0) -> list[Part]:
     def turned() -> Rotation:
         return Rotation.from_rotvec(random.standard_normal(3))
 
-    parts = [Part(name="torso", com=(0.05, 0.0, 0.3), mass=10.0, inertia=(1.1, 1.0, 0.5))]
+    robot_links = [RobotLink(name="torso", com=(0.05, 0.0, 0.3), mass=10.0, inertia=(1.1, 1.0, 0.5))]
     drops = [0.0, *np.cumsum(random.uniform(0.2, 0.5, per_leg))]
     sides = random.uniform(-0.03, 0.03, per_leg + 1)
     sides[0] = 0.02
@@ -77,8 +77,8 @@ def tree(links: int, seed: int = 0) -> list[Part]:
         for k in range(per_leg):
             x, z = float(sides[k]), -float(drops[k])
             com = (x + float(offsets[k, 0]), y, z - 0.1 + float(offsets[k, 1]))
-            parts.append(
-                Part(
+            robot_links.append(
+                RobotLink(
                     name=f"{side}_link{k}",
                     parent=above,
                     joint=f"{side}_joint{k}",
@@ -94,8 +94,10 @@ def tree(links: int, seed: int = 0) -> list[Part]:
             above = f"{side}_link{k}"
     for side, y in (("left", 0.3), ("right", -0.3)) if arms else ():
         arm = {"at": (0.0, y, 0.5), "com": (0.03, y, 0.3), "mass": 1.5, "inertia": (0.1, 0.05, 0.1)}
-        parts.append(Part(name=f"{side}_arm", parent="torso", joint=f"{side}_shoulder", frame=turned(), **arm))
-    return parts
+        robot_links.append(
+            RobotLink(name=f"{side}_arm", parent="torso", joint=f"{side}_shoulder", frame=turned(), **arm)
+        )
+    return robot_links
 
 
 def feet(links: int) -> tuple[str, str]:

@@ -20,5 +20,5 @@ def test_reasons_and_groups_are_of_cells_of_the_table():
 def test_the_verb_works_for_the_walker_or_a_reason_says_why_it_does_not(row, column):
     if (row.name, column.name) in REASONS:
         pytest.skip(REASONS[row.name, column.name])
-    words = failure(row, column)
-    assert not words, words
+    report = failure(row, column)
+    assert not report, report

@@ -141,7 +141,7 @@ def crawler_friction(front, slope):
     along, normal = 9.81 * sin(slope), 9.81 * cos(slope)
 
     def missing(rear):
-        return 4.95 + 20 * (0.5 - crawl(front, rear, slope).least) - along - rear * normal
+        return 4.95 + 20 * (0.5 - crawl(front, rear, slope).smallest) - along - rear * normal
 
     return brentq(missing, 0.1, 2.0, xtol=1e-14)
 

@@ -48,11 +48,11 @@ def test_the_damped_oscillations_of_the_crawler_lie_in_its_enclosures():
     result = proof("crawler")
     with ctx.workprec(PRECISION):
         known = crawl(ball("0.4"), ball("0.6"), ball("0.1"), ball, BALLS)
-        assert result.state["gap"].overlaps(known.least)
+        assert result.state["gap"].overlaps(known.smallest)
         assert all(result.state[name].is_zero() or result.state[name].contains(0) for name in ("rise", "y", "dgap"))
         assert result.durations[0].overlaps(known.times[0])
         assert result.durations[2].overlaps(known.times[1])
-        assert result.measures["step_length"].overlaps(known.largest - known.least)
+        assert result.measures["step_length"].overlaps(known.largest - known.smallest)
         assert result.multipliers[0].real.overlaps(known.factors[0] * known.factors[1])
         assert float(result.state["gap"].rad()) < 1e-11
     assert result.minimal_period

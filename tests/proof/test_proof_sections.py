@@ -56,8 +56,8 @@ def test_a_compass_on_a_free_clock_is_proved():
         ({"touchdown": lambda angle: ((angle + 0.1) ** 2 - 0.05**2) / 0.05}, {"arc 2, slip_forward: touchdown"}),
         # the margin has a zero before that which is said to end the cycle
         ({"at": 0.05}, {"existence and uniqueness"}),
-        # the section is at another place of the slope each time
-        ({"place": 0.1}, {"statement"}),
+        # the section moves along the slope from step to step
+        ({"by_x": 0.1}, {"statement"}),
     ],
 )
 def test_a_landing_or_a_section_that_the_certificate_conceals_is_refused(change, refused):
