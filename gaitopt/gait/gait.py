@@ -6,6 +6,7 @@
 row per sample: time, mode, state, contact force and torques.
 """
 
+import warnings
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
-from gaitopt.errors import ProblemError, SolveError
+from gaitopt.errors import GaitoptWarning, ProblemError, SolveError
 from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.gait.measures import angles_of, contact_record, control_record, observe
 from gaitopt.gait.ranges import DesignRange
@@ -63,6 +64,12 @@ class Cause:
     needed: float | None = None
     available: float | None = None
     severity: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """The former name of ``description``, which warns."""
+        warnings.warn("Cause.words is now called Cause.description", GaitoptWarning, stacklevel=2)
+        return self.description
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object with the keys of the command line; phases are counted from 1."""

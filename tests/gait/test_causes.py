@@ -3,6 +3,7 @@
 import pytest
 
 from gaitopt import load_problem, solve
+from gaitopt.errors import GaitoptWarning
 from gaitopt.gait.gait import Cause, describe_causes
 
 STICK_NEEDS = 0.17491849133
@@ -88,6 +89,11 @@ def test_sticking_and_a_sticking_impact_may_both_lack_friction():
     assert solve(load_problem("rimless-wheel-stick")).causes == ()
     record = Cause(what="search", description="nothing").to_record()
     assert {key for key, value in record.items() if value is None} == {"phase", "time", "needed", "available"}
+
+
+def test_the_former_name_of_the_description_warns():
+    with pytest.warns(GaitoptWarning, match=r"Cause\.description"):
+        assert Cause(what="search", description="nothing").words == "nothing"
 
 
 @pytest.mark.slow
