@@ -304,8 +304,8 @@ def traced_start(start: CurveStart | SpecialPoint, request: TraceRequest) -> Cur
     value = gait.dynamics.parameter(first)
     for name, limit, sign in (("lower", request.lower, -1.0), ("upper", request.upper, 1.0)):
         if limit is not None and _beyond(value, limit, sign) > 1:
-            words = f"must be {'at most' if sign < 0 else 'at least'} {first} = {value:.10g}, where the curve begins"
-            raise ProblemError(f"{limit:g}: {words}").concerning(name)
+            rule = f"must be {'at most' if sign < 0 else 'at least'} {first} = {value:.10g}, where the curve begins"
+            raise ProblemError(f"{limit:g}: {rule}").concerning(name)
     return replace(begin, gait=gait)
 
 
