@@ -23,7 +23,7 @@ from gaitopt.gait.records import AttemptRecord, CheckedJob, OutcomeRecord, Searc
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Method, Request
 from gaitopt.search.find import Gaits, SearchPlan, search
-from gaitopt.search.scan import NO_FIXED_POINT, fixed_points, possible_gaits, scanned
+from gaitopt.search.scan import NO_FIXED_POINT, possible_gaits, scanned
 from gaitopt.search.solve import solve
 from gaitopt.store.formats import damaged, validated
 from gaitopt.store.run import Run
@@ -253,20 +253,16 @@ def sweep_job(
         starts = [] if problem.is_open else starts  # the search for the modes has its own starts
     record = solve_job(problem, None, should_stop, method=method)
     found = {_identity(record): record} if is_gait(record) else {}
-    if is_gait(record):  # the nearest start, which is tried last, stands for this gait
+    if is_gait(record) and starts:
         state = record["state"]
-        starts.sort(key=lambda start: -max(abs(value - state[name]) for name, value in start.items()))
-    points, is_again = fixed_points(problem, starts), False
-    for remaining in reversed(range(len(starts))):
-        if is_gait(record) and not remaining and not is_again:
-            break
-        start = next(points)
+        starts.remove(min(starts, key=lambda start: max(abs(value - state[name]) for name, value in start.items())))
+    for start in starts:
         steps = simulate(problem, start, len(problem.cycle.steps), dense=False).complete_steps
         walked = [phase for step in steps for phase in step.phases]
         is_like = [mode for mode, _ in walked] == [*problem.cycle.phases]
         other = _from_state(problem, start, "scan", method, [length for _, length in walked] if is_like else None)
         if is_gait(other):
-            is_again |= found.setdefault(_identity(other), other) is record  # the nearest start may lead elsewhere
+            found.setdefault(_identity(other), other)
     if not found:
         return record
     best = record if is_gait(record) else min(found.values(), key=lambda gait: gait["spectral_radius"] or 0.0)

@@ -12,7 +12,7 @@ open mode sequence of a walker whose section depends on the contacts that touch,
 section.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from itertools import permutations, product
 
 import numpy as np
@@ -81,9 +81,10 @@ def possible_gaits(problem: Problem) -> tuple[bool, list[dict[str, float]]]:
     """
     section = _section(problem)
     assert section is not None
-    mapped = _step_map(problem)
-    dynamics, size, cycles = mapped.dynamics, section.indices.size, _cycles(problem, mapped)
-    units = dynamics.state_units[section.indices]
+    mapped = step_map(problem, None, choose_engine(Engine.AUTO, steps=SWEEP_STEPS))
+    dynamics, size = mapped.dynamics, section.indices.size
+    steps = longest_cycle(problem) if problem.is_open else len(problem.cycle.steps)
+    cycles, units = max(steps // dynamics.steps_per_cycle, 1), dynamics.state_units[section.indices]
     guess = {} if problem.start is None else problem.start.state
     half = np.maximum(natural_limits(dynamics, section), [2 * abs(guess.get(name, 0.0)) for name in section.names])
     count, box = SAMPLES[size], np.array([-half, half])
@@ -118,19 +119,11 @@ def possible_gaits(problem: Problem) -> tuple[bool, list[dict[str, float]]]:
         else:
             break
     is_possible = bool(near.any()) or (size > 1 and not is_shown)
+    if size > 1 and not problem.is_open:  # the defect is far from linear between such distant samples
+        starts = _polished(mapped, section, starts, cycles * dynamics.steps_per_cycle)
     if not section.stated:
         starts = [*mapped.lift(np.array(starts).reshape(-1, size))]
     return is_possible, [dict(zip(section.defining_names, start.tolist(), strict=True)) for start in starts]
-
-
-def _step_map(problem: Problem) -> StepMap:
-    return step_map(problem, None, choose_engine(Engine.AUTO, steps=SWEEP_STEPS))
-
-
-def _cycles(problem: Problem, mapped: StepMap) -> int:
-    """Number of times that the map of a problem is applied in a cycle, at most if the modes are open."""
-    steps = longest_cycle(problem) if problem.is_open else len(problem.cycle.steps)
-    return max(steps // mapped.dynamics.steps_per_cycle, 1)
 
 
 def _after_cycles(mapped: StepMap, section: Section, xi: Array, cycles: int) -> Array:
@@ -158,30 +151,20 @@ def _after_cycles(mapped: StepMap, section: Section, xi: Array, cycles: int) -> 
     return after
 
 
-def fixed_points(problem: Problem, starts: Iterable[Mapping[str, float]]) -> Iterator[Mapping[str, float]]:
-    """The fixed points of the return map to which Newton's method leads from the states of ``possible_gaits``.
+def _polished(mapped: StepMap, section: Section, starts: Iterable[Array], steps: int) -> list[Array]:
+    """The fixed points of the map of some steps to which Newton's method leads from section coordinates.
 
-    States from which it leads to no fixed point, or to that of earlier ones, are not changed; nor are those of open
-    modes, and those on a section with one coordinate, whose samples are close enough for a linear defect.
+    Coordinates from which it leads to no fixed point, or to that of earlier ones, are not changed.
     """
-    section = _section(problem)
-    if problem.is_open or section is None or section.indices.size == 1:
-        yield from starts
-        return
-    mapped, points = _step_map(problem), list[Array]()
-    dynamics, n_steps = mapped.dynamics, _cycles(problem, mapped) * mapped.dynamics.steps_per_cycle
+    dynamics, points = mapped.dynamics, list[Array]()
     simulator, units = Simulator(dynamics, stepper_class(mapped.engine)), dynamics.state_units[section.indices]
     for start in starts:
-        xi = np.array([start[name] for name in section.names])
-        returns = ReturnMap(simulator, section, n_steps, section.lift(xi, dynamics.p, mapped.near))
-        walked = returns.damped_fixed_point(xi, units)
-        state = None if walked is None else walked[0].arcs[0].states[0]
-        if state is None or any(np.abs((state[section.indices] - p) / units).max() <= SAME for p in points):
-            yield start
-            continue
-        points.append(state[section.indices])
-        values = dict(zip(dynamics.system.state_names, state.tolist(), strict=True))
-        yield {name: values[name] for name in section.defining_names}
+        near = section.lift(start, dynamics.p, mapped.near)
+        walked = ReturnMap(simulator, section, steps, near).damped_fixed_point(start, units)
+        point = start if walked is None else walked[0].arcs[0].states[0][section.indices]
+        is_new = all(np.abs((point - other) / units).max() > SAME for other in points)
+        points.append(point if is_new else start)
+    return points
 
 
 def _box_around(axes: Array, shown: NDArray[np.bool_], beside: int) -> Array | None:
