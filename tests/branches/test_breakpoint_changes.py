@@ -41,9 +41,10 @@ class Polygon(jumping.Staircase):
         return np.array([levels[segment] - slope * times[segment], slope])
 
 
-def family(gait, to, **options):
-    """The records of a family in friction, every point confirmed by the simulator."""
-    return list(follow_family(gait, Request(parameter="friction", to=(to,), verify_every=1, **options)))
+def family(gait, to, largest_length=0.1):
+    """The records of a family in friction in long steps, every point confirmed by the simulator."""
+    request = Request(parameter="friction", to=(to,), verify_every=1, largest_length=largest_length)
+    return list(follow_family(gait, request))
 
 
 @cache

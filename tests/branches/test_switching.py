@@ -60,7 +60,8 @@ def test_a_doubled_family_begins_at_the_doubling_like_a_square_root() -> None:
 def runs() -> tuple[SpecialPoint, Gait, float]:
     """The doubling of running, a gait of the doubled family, and an angle of attack beyond the doubling."""
     beyond = radians(68.6)
-    (doubling,) = continuation(named("slip-run"), ATTACK, beyond, verify_every=0).special("period_doubling")
+    records = follow_family(named("slip-run"), Request(parameter=ATTACK, to=(beyond,), verify_every=0))
+    doubling = next(record for record in records if getattr(record, "type", "") == "period_doubling")
     return doubling, continuation(doubling, ATTACK, radians(67), max_points=4, verify_every=0)[3].gait, beyond
 
 
@@ -110,8 +111,8 @@ def test_a_special_point_from_its_record_has_the_same_branches() -> None:
 
 def test_the_gait_of_a_special_point_is_followed_in_another_parameter_and_a_fold_begins_no_branch() -> None:
     (doubling,) = stick().special("period_doubling")
-    followed = continuation(doubling, "friction", 0.5)
-    assert followed.values[-1] == pytest.approx(0.5)
+    followed = continuation(doubling, "friction", 0.5, max_points=4, verify_every=0)
+    assert 0.59 < followed.values[-1] < followed.values[0] == pytest.approx(0.6)
     period = doubling.gait.measures["period"]
     assert followed.column("period") == pytest.approx(period, rel=1e-12)  # friction does not act on a sticking foot
     fold = replace(doubling, type="fold")
@@ -189,9 +190,12 @@ def test_mode_sequences_that_begin_at_a_change_of_modes_are_followed_on_the_way(
 
 def test_gaits_past_a_change_of_modes_do_not_depend_on_how_far_the_family_is_continued() -> None:
     start = go.solve(go.load_problem("rimless-wheel-stick").replace({"friction": 0.93}))
-    branches = [continuation(start, "friction", to, verify_every=0, max_points=40) for to in (0.9, 0.5)]
-    firsts = [branch.branch(1)[0].value for branch in branches]
-    change = replace(branches[0].special("mode_change")[0], after=None)  # the sequence that follows counts as another
+    firsts, changes = list[float](), list[SpecialPoint]()
+    for to in (0.9, 0.5):
+        records = follow_family(start, Request(parameter="friction", to=(to,), verify_every=0))
+        changes.append(next(record for record in records if getattr(record, "type", "") == "mode_change"))
+        firsts.append(next(records).value)
+    change = replace(changes[0], after=None)  # the sequence that follows counts as another
     spans = (1e-3, 0.1, 10.0)
     firsts += [beginnings(change, "friction", Metric.of(change.gait, span))[0].value for span in spans]
     assert firsts == pytest.approx([firsts[0]] * len(firsts), rel=0, abs=1e-12)

@@ -19,7 +19,8 @@ def wheel(empty_folder):
     return "wheel.yaml"
 
 
-def test_find_lists_gaits_and_resumes_where_it_stopped(run, wheel):
+def test_find_lists_gaits_and_resumes_where_it_stopped(run, wheel, monkeypatch):
+    monkeypatch.setattr("gaitopt.search.candidates.MAX_POINTS", 4)
     code, out, err = run("find", wheel, "--starts", "1", "--workers", "1", "--json")
     record = json.loads(out)
     assert code == 0

@@ -45,6 +45,7 @@ def on_screen(terminal, *command):
 def test_a_width_that_is_none_or_too_small_hides_nothing(columns, monkeypatch):
     monkeypatch.setenv("TERM", "dumb")
     monkeypatch.setenv("COLUMNS", columns)
+    monkeypatch.setattr("gaitopt.problem_names", lambda: ["rabbit-hzd", "rabbit-hzd-slip"])
     for terminal in (True, False):
         assert ("\nrabbit-h" if columns == "1" else "\nrabbit-hzd-slip ") in on_screen(terminal, "list")
 
@@ -77,6 +78,7 @@ def test_no_word_is_lost_however_narrow_the_terminal(run, monkeypatch, columns):
 
 
 def test_the_list_says_what_is_known_of_gaits_in_the_store(run, empty_folder, monkeypatch):
+    monkeypatch.setattr("gaitopt.problem_names", lambda: ["rimless-wheel-slip", "compass-virtual-constraint-slip"])
     assert "0.755124" not in run("list")[1]
     named("rimless-wheel-slip").save()
     out = run("list")[1]

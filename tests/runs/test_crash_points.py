@@ -119,7 +119,7 @@ def everything():
 
 @pytest.mark.parametrize(
     ("kind", "again", "every"),
-    [("kill", True, 3), *(pytest.param(*case, 1, marks=pytest.mark.slow) for case in (("kill", True), *REST))],
+    [("kill", True, 5), *(pytest.param(*case, 1, marks=pytest.mark.slow) for case in (("kill", True), *REST))],
     ids=lambda value: {True: "replaced", False: "new"}.get(value, value),
 )
 @pytest.mark.usefixtures("empty_folder")

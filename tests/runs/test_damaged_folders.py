@@ -23,7 +23,7 @@ WHEEL, DESIGN = "rimless-wheel-slip", "compass-torque-efficient"
 SOLVE = ("solve", WHEEL, "-o", "run")
 SWEEP = ("sweep", WHEEL, "--over", "friction=0.40:0.42:2", "--workers", "1", "-o", "run")
 BASIN = ("basin", WHEEL, "--over", "dtheta=0.8:1.0:4", "--engine", "scipy", "--workers", "1", "-o", "run")
-BRANCH = ("continue", "run", "--param", "friction", "--to", "0.41", "-o", "branch")
+BRANCH = ("continue", "run", "--param", "friction", "--to", "0.41", "--max-points", "4", "-o", "branch")
 WALK = ("simulate", "run", "--steps", "2", "-o", "walk")
 FRONT = ("front", DESIGN, "--over", "constraints.speed.min=0.35:0.36:2", "-o", "front")
 STARTS = ("solve", WHEEL, "--starts", "2", "--workers", "1", "-o", "starts")

@@ -48,7 +48,9 @@ def searches(tmp_path_factory):
     """A search at its time limit, the same search that goes on in its folder, and what the latter told on the way."""
     problem, folder, told = open_problem("rimless-wheel-slip"), tmp_path_factory.mktemp("find") / "run", []
     cut = find(problem, starts=1, seconds=0.0, output=folder, progress=False)
-    return cut, find(problem, starts=1, output=folder, found=told.append, progress=False), told
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gaitopt.search.candidates.MAX_POINTS", 15)
+        return cut, find(problem, starts=1, output=folder, found=told.append, progress=False), told
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ FRICTION = Parameter(key="friction")
 
 @pytest.fixture(scope="module")
 def drawn():
-    results = {name: figures_of(gait(name)) for name in SEQUENCES if name != "compass-passive-b"}
+    results = {"driven": figures_of(gait("compass-pd-impact-slip"))}
     results["both"] = figures_of([gait("compass-passive-a"), gait("compass-passive-b")])
     gaits = [((word, name), result.draw(word)) for name, result in results.items() for word in result.usual]
     shown = branch_figures(gait("compass-passive-a").problem, "friction", branch())
@@ -302,8 +302,11 @@ def test_no_text_lies_over_text_or_over_a_curve_or_is_cut_off(drawn):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    ["heel-toe-slip", "inchworm", "flat-foot", "crawler", "bounding", "slip-walk", "slip-run-foot", "rabbit-hzd"],
-)
+    [
+        "compass-passive-a", "rimless-wheel-slip", "heel-toe-slip", "inchworm", "flat-foot", "crawler", "bounding",
+        "slip-walk", "slip-run-foot", "rabbit-hzd",
+    ],
+)  # fmt: skip
 def test_no_figure_of_other_walkers_has_such_text(name):
     shown = figures_of(gait(name))
     assert {word: found for word in shown.usual if (found := faults(shown.draw(word)))} == {}

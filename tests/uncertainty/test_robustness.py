@@ -21,6 +21,7 @@ from gaitopt.problem.floor import QUANTITIES, RandomFloor
 from gaitopt.simulation.engine import choose_engine, is_installed
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.uncertainty import falls as falls_module
+from gaitopt.uncertainty import limits
 from gaitopt.uncertainty.derivatives import OUTPUTS
 from gaitopt.uncertainty.falls import count_falls, mean_steps, metastable
 from gaitopt.uncertainty.interval import stable_interval
@@ -321,12 +322,14 @@ def test_resampling_keeps_the_weight_of_each_cell_and_no_walk_has_much_of_it():
 
 @needs_heyoka
 def test_an_eigenvalue_that_is_not_known_has_a_reason(monkeypatch):
+    for name, value in {"WALKS": 500, "MOST_CELLS": 250, "HEAVY": 0.4 / 500, "BLOCK": 20}.items():
+        monkeypatch.setattr(falls_module, name, value)
     monkeypatch.setattr(falls_module, "TRANSIENT", 0)
     closed_form = WheelOnSteps(slope=0.06)
     monkeypatch.setattr(falls_module, "TiledSteps", closed_form)
     found = metastable(closed_form.gait, RandomFloor.parse("height=-0.001:0.001"), ENGINE)
     assert found["eigenvalue"] is None
-    assert "falls are impossible or extremely rare; none of 2000 walks over 100 tiles at the ends" in found["reason"]
+    assert "falls are impossible or extremely rare; none of 500 walks over 100 tiles at the ends" in found["reason"]
     monkeypatch.setattr(falls_module, "TRANSIENT", 10)
     monkeypatch.setattr(falls_module, "MOST_CELLS", 1)  # by which falls are missed that are one of 1e7
     found = metastable(closed_form.gait, RandomFloor.parse("height=-0.045:0.045"), ENGINE)
@@ -335,8 +338,8 @@ def test_an_eigenvalue_that_is_not_known_has_a_reason(monkeypatch):
     stumbling.step = lambda n, z, *_: SimpleNamespace(states=z, completed=np.arange(len(z)) >= next(falls))
     monkeypatch.setattr(falls_module, "TiledSteps", stumbling)
     found = metastable(stumbling.gait, RandomFloor.parse("height=-0.001:0.001"), ENGINE)
-    assert found["reason"].startswith("no walk fell in the last 160 steps, although")
-    assert "falls are extremely rare; none of 2000" in found["reason"]
+    assert found["reason"].startswith("no walk fell in the last 80 steps, although")
+    assert "falls are extremely rare; none of 500" in found["reason"]
     monkeypatch.setattr(falls_module, "MOST_COORDINATES", 0)
     found = metastable(closed_form.gait, RandomFloor.parse("height=-0.001:0.001"), ENGINE)
     assert found["reason"] == "the section has 1 coordinate, but a mesh fills at most 0"
@@ -387,7 +390,9 @@ def test_the_range_has_a_stable_gait_everywhere_inside_and_none_just_outside():
 
 
 @needs_heyoka
-def test_the_command_prints_the_stated_keys_and_resumes(run, empty_folder):
+def test_the_command_prints_the_stated_keys_and_resumes(run, empty_folder, monkeypatch):
+    for name, value in {"PUSH_STEP": 0.05, "GROWTH": 4.0, "WIDTH": 1e-3, "DISTANCE": 1e-3}.items():
+        monkeypatch.setattr(limits, name, value)
     arguments = ["robustness", "rimless-wheel-stick", "--what", "push,sensitivity", "--random", "friction=0.3:2",
                  "--walks", "20", "--steps", "50", "--workers", "1", "-o", "run", "--json", "--quiet"]  # fmt: skip
     code, out, _ = run(*arguments)
