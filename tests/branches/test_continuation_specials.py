@@ -13,7 +13,9 @@ from simulated_family import SimulatedFamily
 
 import gaitopt as go
 from gaitopt import Branch, Cycle, Mode, continuation
-from gaitopt.gait.branch import BranchPoint, SpecialPoint
+from gaitopt.branches.continuation import follow_family
+from gaitopt.branches.request import Request
+from gaitopt.gait.branch import BranchPoint, SpecialPoint, collected
 
 pytestmark = pytest.mark.portable
 
@@ -172,7 +174,8 @@ def test_wheel_has_no_gait_where_friction_is_below_the_slope() -> None:
 def test_running_is_stable_between_the_fold_and_the_period_doubling_of_its_family():
     """The force of a spring leg is zero at landing and at take-off, where the cone is no limit."""
     gait = go.solve("slip-run")
-    runs = continuation(gait, "walker.attack", [radians(67), radians(68.6)], verify_every=0)
+    request = Request(parameter="walker.attack", to=(radians(67), radians(68.6)), verify_every=0, largest_length=0.1)
+    runs = collected("walker.attack", [*follow_family(gait, request)])
     (fold,), (doubling,) = runs.special("fold"), runs.special("period_doubling")
     assert [runs.special("end")[k].reason.split()[0] for k in range(2)] == ["reached", "reached"]
     for special, multiplier in ((fold, 1), (doubling, -1)):

@@ -2,6 +2,7 @@
 
 import math
 import re
+from functools import cache
 
 import pytest
 from pictured import TORSO, atlas, branch, gait
@@ -32,6 +33,12 @@ OF_PYTHON = {"film.cycle", "film.frames", "contact.point"}
 
 def position(page):
     return page.locator(FORCE).first.get_attribute("d")
+
+
+@cache
+def compared(*names):
+    """The page of some gaits side by side."""
+    return comparison_report([gait(name) for name in names])
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +194,7 @@ def test_the_controls_of_an_animation_are_visible_in_a_notebook(visit):
 
 
 def test_gaits_side_by_side_share_their_axes_show_the_difference_and_have_round_circles(visit):
-    page = visit(comparison_report([gait("compass-passive-a"), gait("compass-pd-impact-slip")]))
+    page = visit(compared("compass-passive-a", "compass-pd-impact-slip"))
     assert page.locator("article").count() == 2
     assert "difference" in page.locator("#numbers thead").inner_text()
     ticks = [page.locator("article").nth(k).locator(".chart").first.locator("text").all_inner_texts() for k in (0, 1)]
@@ -203,7 +210,7 @@ def test_gaits_side_by_side_share_their_axes_show_the_difference_and_have_round_
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("width", [360, 768, 1400])
 def test_nothing_is_wider_than_the_screen(visit, branch_page, width, scheme):
-    for text in (comparison_report([gait("compass-pd-impact-slip")]), branch_page):
+    for text in (compared("compass-pd-impact-slip"), branch_page):
         page = visit(text, width=width, scheme=scheme)
         page.evaluate("document.querySelectorAll('details').forEach((part) => (part.open = true))")
         assert page.evaluate("document.documentElement.scrollWidth") <= width
@@ -224,7 +231,7 @@ def contrast(first, second):
 
 
 def test_two_steps_have_their_own_jumps_crosses_and_no_slip_between_them(visit):
-    page = visit(comparison_report([gait("compass-passive-two-step")]))
+    page = visit(compared("compass-passive-two-step"))
     titles = page.locator("figcaption").all_inner_texts()
     assert "Slip of the stance foot" not in titles
     assert "2 times stick; impact: stick" in page.locator("article").inner_text()
@@ -235,7 +242,7 @@ def test_two_steps_have_their_own_jumps_crosses_and_no_slip_between_them(visit):
 
 
 def test_the_page_of_a_passive_gait_has_its_multipliers_a_smooth_slip_and_no_motors(visit):
-    page = visit(comparison_report([gait("compass-passive-a")]), width=390)
+    page = visit(compared("compass-passive-a"), width=390)
     assert page.locator("h1").inner_text() not in page.locator("h2").all_inner_texts()
     assert page.locator(".multipliers tbody tr").count() == 2  # a conjugate pair shares a line
     assert "±" in page.locator(".multipliers tbody").inner_text()
@@ -251,7 +258,7 @@ def test_the_page_of_a_passive_gait_has_its_multipliers_a_smooth_slip_and_no_mot
 
 
 def test_equal_figures_of_gaits_side_by_side_stand_at_equal_heights(visit):
-    page = visit(comparison_report([gait("compass-passive-a"), gait("compass-passive-stick")]), width=1200)
+    page = visit(compared("compass-passive-a", "compass-passive-stick"), width=1200)
     page.locator("figure", has_text="Largest difference").locator("svg").last.wait_for()
     tops = [
         page.locator("article")
@@ -264,12 +271,12 @@ def test_equal_figures_of_gaits_side_by_side_stand_at_equal_heights(visit):
 
 
 def test_a_jump_within_a_step_and_flight_are_drawn(visit):
-    page = visit(comparison_report([gait("kneed-passive")]))
+    page = visit(compared("kneed-passive"))
     portrait = page.locator("figure", has_text="Phase portrait")
     portrait.locator(".jump").last.wait_for(state="attached")
     assert portrait.locator(".jump").count() > len(gait("kneed-passive").system.walker.shape)
     assert "a stop that locks" in portrait.inner_text()
-    page = visit(comparison_report([gait("hopper")]))
+    page = visit(compared("hopper"))
     page.locator("figure", has_text="Normal force").locator("path.flying").wait_for(state="attached")
     assert "ẏ" not in page.locator("figure", has_text="Simulation and NLP").inner_text()
     assert " y" in page.locator("figure", has_text="Simulation and NLP").inner_text()
@@ -286,7 +293,7 @@ def test_angles_of_a_branch_are_shown_in_degrees_where_the_file_has_them(visit):
 
 
 def test_gaits_are_swiped_on_a_phone_and_played_together(visit):
-    page = visit(comparison_report([gait("compass-passive-a"), gait("compass-pd-impact-slip")]), width=390)
+    page = visit(compared("compass-passive-a", "compass-pd-impact-slip"), width=390)
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.evaluate("document.documentElement.scrollHeight") < 6000
     page.get_by_role("navigation").get_by_role("button").nth(1).click()
@@ -306,14 +313,14 @@ def test_gaits_are_swiped_on_a_phone_and_played_together(visit):
 
 
 def test_who_dislikes_motion_is_brought_to_a_gait_at_once(visit):
-    page = visit(comparison_report([gait("compass-passive-a"), gait("compass-passive-b")]), width=390, motion="reduce")
+    page = visit(compared("compass-passive-a", "compass-passive-b"), width=390, motion="reduce")
     page.get_by_role("navigation").get_by_role("button").nth(1).click()
     assert page.evaluate("document.getElementById('gaits').scrollLeft") > 200
     assert page.get_by_role("button", name="Play all").is_visible()
 
 
 def test_everything_that_is_operated_or_drawn_has_a_name_for_a_screen_reader(visit, branch_page):
-    for text in (comparison_report([gait("compass-pd-impact-slip")]), branch_page):
+    for text in (compared("compass-pd-impact-slip"), branch_page):
         page = visit(text, motion="reduce")
         page.locator(".chart svg").first.wait_for()
         nameless = page.evaluate(
@@ -340,7 +347,7 @@ def test_scripts_read_what_a_film_states_and_nothing_else(visit, branch_page):
     read = set()
     for text in (
         animation_page(motion_of(gait("crawler"))),
-        comparison_report([gait("heel-toe"), gait("compass-pd-impact-slip")]),
+        compared("heel-toe", "compass-pd-impact-slip"),
         branch_page,
         walk_report(
             simulate(gait("compass-passive-a"), steps=2, floor=Floor(friction=[0.14, 0.139], height=[0, 1e-4]))

@@ -181,7 +181,7 @@ def test_an_interrupted_process_ends_with_130_and_nothing_half_written(delay):
 
 
 def test_a_reader_that_leaves_is_no_error():
-    command = [sys.executable, "-m", "gaitopt", "schema"]
+    command = [sys.executable, "-m", "gaitopt", "--help"]
     reader, writer = os.pipe()
     os.close(reader)
     process = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, check=False)

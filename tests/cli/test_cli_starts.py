@@ -52,7 +52,9 @@ def test_gait_of_a_run_or_a_point_of_a_branch_is_the_guess(run):
     folder = json.loads(run("solve", WHEEL, "--json")[1])["run"]
     code, out, _ = run("solve", "rimless-wheel-slope", "--start", folder, "--json")
     assert (code, json.loads(out)["speed"]) == (0, pytest.approx(0.8, abs=1e-9))
-    _, out, _ = run("continue", folder, "--param", "walker.slope", "--to", "0.235", "-o", "branch", "--json")
+    _, out, _ = run(
+        "continue", folder, "--param", "walker.slope", "--to", "0.235", "--max-points", "4", "-o", "branch", "--json"
+    )
     point = [json.loads(line) for line in out.splitlines()][-2]
     place = f"branch@{point['branch']}.{point['index']}"
     code, out, _ = run("solve", "rimless-wheel-slope", "--start", place, "-o", "other", "--json")

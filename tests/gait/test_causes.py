@@ -33,7 +33,9 @@ OTHERS = [
     ("rimless-wheel-stick", {"walker.slope": "30deg"}, "normal_force"),
     ("compass-passive-stick", {"walker.slope": "-1deg"}, "energy"),
     ("rimless-wheel-slip", {"gait.phases": ["stick", "slip_backward"]}, "cone_backward"),
-    ("rimless-wheel-stick", {"gait.phases": ["stick", "slip_forward"]}, "cone_forward"),
+    pytest.param(
+        "rimless-wheel-stick", {"gait.phases": ["stick", "slip_forward"]}, "cone_forward", marks=pytest.mark.slow
+    ),
     pytest.param("compass-passive-a", {"friction": 0.2}, "duration", marks=pytest.mark.slow),
     pytest.param("compass-passive-static-kinetic", {"friction.static": 0.17}, "duration", marks=pytest.mark.slow),
 ]

@@ -159,7 +159,7 @@ def test_a_runner_whose_foot_sticks_moves_as_in_cartesian_equations() -> None:
 def test_less_friction_lets_the_foot_of_a_runner_slide_at_landing_and_then_before_take_off() -> None:
     data = {"friction": 1.6, "gait.phases": [{"mode": "stick", "leg": "free"}, {"mode": "flight", "leg": "locked"}]}
     gait = go.solve(go.load_problem("slip-run-foot").replace(data))
-    branch = go.continuation(gait, "friction", 1.4)
+    branch = go.continuation(gait, "friction", 1.0, max_points=20)
     landing, take_off, _ = branch.specials
     assert (landing.type, take_off.type) == ("mode_change", "mode_change")
     assert landing.value == pytest.approx(gait.measures["required_friction"], abs=1e-9)

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("empty_folder")
 @pytest.fixture(scope="module")
 def stored_branch(tmp_path_factory):
     folder = tmp_path_factory.mktemp("stored") / "branch"
-    assert main([*CONTINUE, "friction", "--to", "0.11", "-o", str(folder), "--quiet"]) == 0
+    assert main([*CONTINUE, "friction", "--to", "0.02", "--max-points", "14", "-o", str(folder), "--quiet"]) == 0
     return folder
 
 

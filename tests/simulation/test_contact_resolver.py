@@ -11,6 +11,7 @@ from contact_problems import sled
 from foot_impacts import foot_impact
 from numpy.typing import NDArray
 from paper_walkers import COMPASS, compass, compass_numbers, compass_system, wheel_numbers, wheel_system
+from samples import sampled
 
 from gaitopt import ImpactLaw, Mode
 from gaitopt.gait.trajectory import ImpactRecord
@@ -53,9 +54,9 @@ def everything_possible(p: Array, z: Array) -> list[str]:
 
 def test_the_foot_at_rest_does_the_only_thing_that_is_possible_or_sticks() -> None:
     """A foot that friction wedges in could also lift off, and slide; ``test_wedged_feet`` shows why it sticks."""
-    rng = np.random.default_rng(7)
+    rng = np.random.default_rng(3)
     seen, wedged = set(), 0
-    for _ in range(1500):
+    for _ in range(600):
         p = wheel_at(10 ** rng.uniform(-2, 1.2), rng.uniform(0.05, 1), slope=rng.uniform(-1, 1))
         z = np.array([rng.uniform(-0.39, 0.39), 0, rng.normal(), 0])
         decision = at_rest(p, z)
@@ -104,7 +105,7 @@ def touchdown(theta: float, dtheta1: float, dtheta2: float, dx: float = 0.0) -> 
 def test_of_all_impacts_exactly_one_is_consistent_and_obeys_coulomb() -> None:
     rng = np.random.default_rng(3)
     seen = set()
-    for _ in range(1000):
+    for _ in range(400):
         p = compass_numbers(10 ** rng.uniform(-2, 1))
         z = touchdown(rng.uniform(0.05, 0.6), rng.uniform(0.3, 2), rng.uniform(-2, 0.3), rng.choice([0, rng.normal()]))
         record = landed(Dynamics(compass_system(), p), z)
@@ -154,7 +155,7 @@ def test_a_foot_that_comes_from_below_the_ground_has_no_impact(law: ImpactLaw, f
 def test_no_impact_slips_in_the_paradox_of_painleve() -> None:
     """F_n (C_tt + mu s C_nt) = -det(C) v_n: the sign of the impulse says which slips have a solution."""
     rng, seen = np.random.default_rng(11), set()
-    for _ in range(300):
+    for _ in range(150):
         p = wheel_at(10 ** rng.uniform(-1, 1.5), rng.uniform(0.01, 0.3))
         z = np.array([np.pi / 8, 0, rng.uniform(0.1, 2), rng.normal()])
         record = landed(Dynamics(wheel_system(), p), z)
@@ -173,7 +174,7 @@ def test_no_impact_slips_in_the_paradox_of_painleve() -> None:
 def test_an_impact_at_the_very_edge_of_the_cone_sticks() -> None:
     """A slip that starts with rounding for a velocity is the same impact; it is not a second one."""
     rng = np.random.default_rng(12)
-    for _ in range(100):
+    for _ in range(50):
         z = touchdown(rng.uniform(0.05, 0.3), rng.uniform(0.3, 1.5), rng.uniform(-1, 0.2), rng.normal() * 0.1)
         _, (f_t, f_n), *_ = (
             np.asarray(output).ravel() for output in foot_impact(compass_system(), Mode.STICK)(z, [*COMPASS, 1])
@@ -217,7 +218,7 @@ def test_clear_cases_are_those_that_all_candidates_give(monkeypatch: pytest.Monk
         return [decision.mode if isinstance(decision, ImpactRecord) else decision for decision in found]
 
     row, cases = compass_system().transitions.of(Mode.STICK)["touchdown"], list[tuple[Array, Array, bool]]()
-    for land in (True, False) * 150:
+    for land in (True, False) * 75:
         z = touchdown(rng.uniform(0.05, 0.6), rng.uniform(0.3, 2), rng.uniform(-2, 0.3))
         z[0] = z[0] if land else rng.uniform(-0.6, 0.6)
         cases.append((compass_numbers(10 ** rng.uniform(-2, 1)), z, land))
@@ -231,7 +232,7 @@ def test_clear_cases_are_those_that_all_candidates_give(monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize(
     ("middle", "force", "friction"),
-    [(1.0, 4.5, None), (2.0, 4.5, None), (1.0, 6.0, None), (2.0, 6.0, None), (1.0, 3.0, 0.15)],
+    sampled([(1.0, 4.5, None), (2.0, 4.5, None), (1.0, 6.0, None), (2.0, 6.0, None), (1.0, 3.0, 0.15)], every=4),
 )
 def test_contacts_that_come_to_rest_at_nearly_one_instant_are_not_ambiguous(middle, force, friction):
     """The outer masses of a symmetric sled mirror each other, and rounding parts the instants at which they stop.

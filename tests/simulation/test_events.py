@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
@@ -51,6 +51,7 @@ def from_roots(*roots: float, sign: float = 1.0) -> Polynomial:
     return sign * Polynomial.fromroots(roots)
 
 
+@settings(max_examples=40)
 @given(root=st.floats(1e-3, 0.999), slope=st.floats(0.1, 1e3), bend=st.floats(-1.0, 1.0))
 def test_a_root_is_found_wherever_it_lies_in_the_step(root: float, slope: float, bend: float) -> None:
     monotone = slope * (Polynomial([root, -1.0]) + bend / 3 * Polynomial([-root, 1.0]) ** 3)

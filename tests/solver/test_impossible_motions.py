@@ -62,7 +62,7 @@ def test_friction_that_lacks_between_the_nodes_is_noticed():
     assert lacking.causes[0].time == pytest.approx(0.396, abs=2e-3)
 
 
-@pytest.mark.parametrize("turned", [np.pi, -np.pi])
+@pytest.mark.parametrize("turned", [np.pi, pytest.param(-np.pi, marks=pytest.mark.slow)])
 def test_a_torso_that_hangs_between_the_legs_is_not_upright(turned: float):
     problem = go.load_problem("torso-passive").replace({"walker.hip_stiffness": 0})
     nlp = go.nlp(problem)
