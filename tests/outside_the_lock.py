@@ -78,9 +78,12 @@ TASKS = {
     "run": lambda: verified("slip-run"),
     "kneed": lambda: verified("kneed-passive"),
     "pd": lambda: verified("compass-pd-impact-slip"),
-    "continue": lambda: list(go.continuation(solved("compass-passive-a"), "friction", to=0.13, progress=False)),
+    "continue": lambda: list(
+        go.continuation(solved("compass-passive-a"), "friction", to=0.1, max_points=3, progress=False)
+    ),
     "prove": lambda: go.prove(solved("rimless-wheel-stick"), progress=False),
-    "design": lambda: (solved("compass-minimum-friction"), solved("compass-torque-stable-slip")),
+    "design": lambda: solved("compass-torque-stable-slip"),
+    "design-friction": lambda: solved("compass-minimum-friction"),
     "design-pd": lambda: solved("compass-pd-designed"),
     "picture": lambda: (gait := solved("hopper"), go.plot(gait), go.report(gait)),
     "search": lambda: go.find(go.load_problem("compass-passive-a"), starts=2, progress=False),

@@ -47,7 +47,7 @@ def content(value):
 def results():
     wheel, gait = named(WHEEL), named("compass-passive-a")
     section = gait.state[gait.system.section(Mode.SLIP_FORWARD).indices]
-    branch = go.continuation(wheel, "friction", to=0.9, progress=False)
+    branch = go.continuation(wheel, "friction", to=0.9, max_points=3, progress=False)
     candidate = {**wheel.to_record(), "steps": [wheel.to_record()], "start": "test"}
     return {
         "problem": load_problem("compass-pd-impact-slip"),

@@ -34,25 +34,35 @@ def chromium():
         browser.close()
 
 
+@pytest.fixture(scope="session")
+def tab(chromium):
+    """The tab that shows all pages one after the other; a tab of its own would start a process for each of them."""
+    return chromium.new_context().new_page()
+
+
 @pytest.fixture
-def visit(chromium, tmp_path):
+def visit(tab, tmp_path):
     """Open the text of a page at a width; whatever the browser complains of fails the test at its end."""
-    violations, contexts = [], []
+    violations = []
+    listeners = {
+        "console": lambda message: violations.append(message.text),
+        "pageerror": lambda error: violations.append(str(error)),
+        "request": lambda request: request.url.startswith(("file:", "data:")) or violations.append(request.url),
+    }
 
     def call(text, width=1200, scheme="light", motion="no-preference"):
         path = tmp_path / "page.html"
         path.write_text(text, encoding="utf-8")
-        size = {"width": width, "height": 900}
-        contexts.append(chromium.new_context(viewport=size, color_scheme=scheme, reduced_motion=motion))
-        page = contexts[-1].new_page()
-        page.on("console", lambda message: violations.append(message.text))
-        page.on("pageerror", lambda error: violations.append(str(error)))
-        page.on("request", lambda request: request.url.startswith(("file:", "data:")) or violations.append(request.url))
-        page.goto(path.as_uri())
-        page.evaluate(DRAWN)
-        return page
+        tab.set_viewport_size({"width": width, "height": 900})
+        tab.emulate_media(color_scheme=scheme, reduced_motion=motion)
+        tab.goto(path.as_uri())
+        tab.evaluate(DRAWN)
+        return tab
 
+    for event, listener in listeners.items():
+        tab.on(event, listener)
     yield call
-    for context in contexts:
-        context.close()
+    tab.goto("about:blank")
+    for event, listener in listeners.items():
+        tab.remove_listener(event, listener)
     assert violations == []

@@ -47,13 +47,17 @@ def test_the_return_map_of_a_collocation_is_that_of_the_gait(order, friction):
 
 
 def test_an_optimum_is_as_stable_as_its_bound():
-    free = go.solve(compass(), progress=False)
     gait = solved(compass(**BOUNDED))
-    assert free.spectral_radius > 0.9
     assert gait.spectral_radius == pytest.approx(0.85, abs=1e-6)
-    assert gait.scalar("torque_squared") > free.scalar("torque_squared")
     assert go.verify(gait).passed
     assert gait.problem.origin.constraints["spectral_radius"].maximum == 0.85
+
+
+@pytest.mark.slow
+def test_stability_costs_torque():
+    free = go.solve(compass(), progress=False)
+    assert free.spectral_radius > 0.9
+    assert solved(compass(**BOUNDED)).scalar("torque_squared") > free.scalar("torque_squared")
 
 
 @pytest.mark.slow

@@ -114,7 +114,7 @@ import sys
 import gaitopt as go
 gait = go.solve(go.load_problem(sys.argv[1]))
 print("solved", flush=True)
-for _ in range(30):
+for _ in range(15):
     gait.save(sys.argv[2])
 """
 

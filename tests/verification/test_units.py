@@ -20,7 +20,7 @@ ALL_UNITS = tuple(product((1e-3, 1.0, 1e3), (1e-3, 1.0, 30.0, 670.0), (1e-3, 1e3
 def family(units: tuple[float, float, float]) -> go.Branch:
     """Through a change of the mode sequence and the beginning of what follows."""
     problem = go.load_problem("compass-passive-stick").replace({"friction": 0.1755})
-    return go.continuation(go.solve(rescaled(problem, units)), "friction", to=0.1747, verify_every=5)
+    return go.continuation(go.solve(rescaled(problem, units)), "friction", to=0.17, max_points=12, verify_every=5)
 
 
 @pytest.mark.parametrize(
