@@ -601,7 +601,7 @@ OTHERS = [
          margin="cone_backward.toe"),
     Case("heel-toe", "friction", 0.25, "impact_change", "walker.toe", (0.038, 0.042),
          margin="impulse_cone_forward.swing_heel"),
-    Case("heel-toe-slip", "walker.toe", 0.06, "period_doubling", "friction", (0.262, 0.268), cuts=4),
+    Case("heel-toe-slip", "walker.toe", 0.06, "period_doubling", "friction", (0.262, 0.268)),
     Case("heel-toe", "friction", 0.268, "period_doubling", "walker.toe", (0.016, 0.028), changes=SHORT_TOE),
     Case("flat-foot", "friction", 1.15, "impact_change", "walker.stiffness", (24.9, 25.1), cuts=1,
          margin="impulse_cone_backward.swing_heel"),
