@@ -152,7 +152,7 @@ COMMANDS = (
     ("solve", "ä.yaml", "-o", "ü"), ("verify", "ü"), ("simulate", "ü", "-o", "ö"), ("plot", "ü", "--what", "ß"),
     ("report", "ü"), ("report", "ö"), ("plot", "ö", "--what", "portrait"), ("solve", "ä.yaml", "--set", "ñ=1"),
     ("sweep", "ä.yaml", "--over", "friction=0.9:1:2", "--workers", "1"), ("--ü",), ("verify", "é/ü"),
-    ("continue", "ü", "--param", "friction", "--to", "0.99", "-o", "ê"), ("report", "ê"),
+    ("continue", "ü", "--param", "friction", "--to", "0.99", "--max-points", "2", "-o", "ê"), ("report", "ê"),
 )  # fmt: skip
 
 

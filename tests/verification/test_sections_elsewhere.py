@@ -189,21 +189,24 @@ def test_the_orbit_file_of_a_gait_is_recomputed_wherever_its_section_lies(where:
 
 @pytest.mark.parametrize(
     ("where", "place", "change", "group"),
-    [
-        ("margin", "statement/cycle_end/margin", lambda text: f"{text} + 0.001", "margins"),
-        ("margin", "orbit/events/1/impulse/F_t", lambda impulse: 1.001 * impulse, "events"),
-        ("margin", "orbit/events/1/impact", lambda _: "slip_forward", "margins"),
-        ("margin", "orbit/events/1/state_after/dtheta2", lambda rate: 1.001 * rate, "events"),
-        ("margin", "orbit/events/3/step_length", lambda length: 1.001 * length, "events"),
-        ("margin", "evaluation/arcs/1/swaps", lambda _: False, "equations"),
-        ("margin", STORED, lambda texts: [*texts[:3], "1.001*dtheta1", *texts[4:]], "initial state"),
-        ("margin", "statement/equations/M/0/0", lambda text: f"1.001*({text})", "equations"),
-        ("margin", "orbit/multipliers", lambda multipliers: multipliers[:-1], "multipliers"),
-        ("clock", "statement/cycle_end/period", lambda period: 1.001 * period, "ends of phases"),
-        ("clock", "statement/control/torques/stick/1", lambda text: f"1.001*({text})", "samples"),
-        ("clock", STORED, lambda texts: [*texts[:2], "x", *texts[3:]], "events"),
-        ("clock", "orbit/multipliers/0/re", lambda part: part + 1e-5, "multipliers"),
-    ],
+    sampled(
+        [
+            ("margin", "statement/cycle_end/margin", lambda text: f"{text} + 0.001", "margins"),
+            ("margin", "orbit/events/1/impulse/F_t", lambda impulse: 1.001 * impulse, "events"),
+            ("margin", "orbit/events/1/impact", lambda _: "slip_forward", "margins"),
+            ("margin", "orbit/events/1/state_after/dtheta2", lambda rate: 1.001 * rate, "events"),
+            ("margin", "orbit/events/3/step_length", lambda length: 1.001 * length, "events"),
+            ("margin", "evaluation/arcs/1/swaps", lambda _: False, "equations"),
+            ("margin", STORED, lambda texts: [*texts[:3], "1.001*dtheta1", *texts[4:]], "initial state"),
+            ("margin", "statement/equations/M/0/0", lambda text: f"1.001*({text})", "equations"),
+            ("margin", "orbit/multipliers", lambda multipliers: multipliers[:-1], "multipliers"),
+            ("clock", "statement/cycle_end/period", lambda period: 1.001 * period, "ends of phases"),
+            ("clock", "statement/control/torques/stick/1", lambda text: f"1.001*({text})", "samples"),
+            ("clock", STORED, lambda texts: [*texts[:2], "x", *texts[3:]], "events"),
+            ("clock", "orbit/multipliers/0/re", lambda part: part + 1e-5, "multipliers"),
+        ],
+        2,
+    ),
 )
 def test_what_is_wrong_in_the_orbit_of_a_section_elsewhere_is_found(
     where: str, place: str, change: Callable[[Any], Any], group: str

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from itertools import islice
 
 import numpy as np
@@ -174,8 +175,10 @@ def test_too_little_friction_is_outside_the_cone_and_a_wrong_sequence_leaves_no_
     assert "step 1" in claim.note
 
 
-def examined(gait: Gait) -> tuple[ReturnMap, FixedPoint]:
-    """The simulator's return map and its fixed point."""
+@cache
+def examined(name: str) -> tuple[ReturnMap, FixedPoint]:
+    """The simulator's return map of a gait and its fixed point."""
+    gait = good(name)
     impact = gait.problem.cycle.impact
     return_map = ReturnMap(Simulator(gait.dynamics), impact, len(gait.steps))
     return return_map, return_map.fixed_point(gait.state[gait.system.section(impact).indices])
@@ -184,7 +187,7 @@ def examined(gait: Gait) -> tuple[ReturnMap, FixedPoint]:
 @pytest.mark.parametrize("error", [1.001, 0.999, 1 + 1e-5, 1 - 1e-5])
 @pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-b", "rimless-wheel-slip", "slip-run-foot"])
 def test_wrong_derivative_is_seen_by_walks_that_are_perturbed(name: str, error: float) -> None:
-    return_map, point = examined(good(name))
+    return_map, point = examined(name)
     right = perturbation_claim(return_map, point)
     wrong = perturbation_claim(return_map, replace(point, jacobian=error * point.jacobian))
     assert right.passed
@@ -241,7 +244,7 @@ class Bent:
     ],
 )
 def test_linear_range_between_rounding_and_curvature_is_found_or_its_absence_named(radius, noise, outcome):
-    return_map, point = examined(good("rimless-wheel-slip"))
+    return_map, point = examined("rimless-wheel-slip")
     claim = perturbation_claim(Bent(return_map, point, radius, noise), point)
     assert claim.outcome is outcome
     assert claim.passed is (outcome is Outcome.HOLDS)
