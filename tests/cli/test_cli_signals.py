@@ -62,7 +62,7 @@ def test_a_signal_while_something_is_shown_ends_the_command(monkeypatch, command
         assert main(command) == 0
 
 
-SWEEP = ("sweep", WHEEL, "--over", "friction=0.3:0.5:1000", "--workers", "1", "-o", "run")
+SWEEP = ("sweep", WHEEL, "--over", "friction=0.3:0.5:300", "--workers", "1", "-o", "run")
 ATTRACTORS = ("attractors", WHEEL, "--over", "friction=0.3:0.5:1000", "--workers", "1", "-o", "run")
 BASIN = ("basin", WHEEL, "--over", "dtheta=0.4:1.4:100000", "--engine", "scipy", "--workers", "1", "-o", "run")
 

@@ -3,10 +3,12 @@
 import csv
 import re
 from contextlib import suppress
+from itertools import product
 
 import numpy as np
 import pytest
 from named import named
+from samples import sampled
 
 from gaitopt import load_run, simulate, verify
 from gaitopt.errors import StorageError
@@ -58,8 +60,9 @@ def spoil(folder, name, column, change):
     Run(folder).seal(name)
 
 
-@pytest.mark.parametrize("name", ["compass-pd-impact-slip", "heel-toe"])
-@pytest.mark.parametrize("file", ["trajectory.csv", "walk.csv"])
+@pytest.mark.parametrize(
+    ("name", "file"), sampled(product(["compass-pd-impact-slip", "heel-toe"], ["trajectory.csv", "walk.csv"]), 3)
+)
 def test_a_wrong_number_in_any_column_of_a_table_is_detected(name, file, tmp_path):
     """The reader refuses wrong times, modes, forces and torques; the simulation of a gait finds wrong states."""
     result = named(name) if file == "trajectory.csv" else simulate(named(name))
