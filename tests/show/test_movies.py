@@ -28,7 +28,7 @@ def pictures(path):
 
 
 def test_a_gif_shows_two_steps_in_slow_motion_and_repeats(tmp_path, monkeypatch):
-    monkeypatch.setattr(movie, "RATE", RATE := 5)
+    monkeypatch.setattr(movie, "RATE", RATE := 4)
     gait = named(WHEEL)
     cycles, slower = playing(motion_of(gait))
     assert cycles == 2
