@@ -95,7 +95,7 @@ CHANGES_OF_MODES = [
 ]
 IMPACT_CHANGES = [
     (family("rimless-wheel-slip", "friction", 0.27, 0.22), 0.245052155579),
-    (family("compass-passive-b", "friction", 0.3, 0.31), 0.304416755066),
+    slow(family("compass-passive-b", "friction", 0.3, 0.31), 0.304416755066),
     slow(family("compass-torque-impact-slip", "friction", 0.23, 0.235), 0.232244917992),
     slow(family("compass-pd-impact-slip", "friction", 0.37, 0.38), 0.37694520138),
     slow(family("compass-torque-slip", "control.hip", None, 0.49), 0.501870492312),

@@ -72,7 +72,7 @@ def walks_of_a_compass() -> tuple[SpecialPoint, Gait, float]:
 
 
 @pytest.mark.parametrize(
-    ("family", "parameter"), [(runs, ATTACK), pytest.param(walks_of_a_compass, SLOPE, marks=pytest.mark.slow)]
+    ("family", "parameter"), [(walks_of_a_compass, SLOPE), pytest.param(runs, ATTACK, marks=pytest.mark.slow)]
 )
 def test_a_doubled_family_ends_where_its_halves_become_equal(family, parameter) -> None:
     """It ends at the doubling, with the cycle of one step."""

@@ -62,10 +62,15 @@ def test_a_simulator_of_ones_own_converges_to_the_gait():
     "name",
     [
         "compass-unequal",
-        "round-feet-passive",
         *(
             pytest.param(name, marks=pytest.mark.slow)
-            for name in ("compass-pd-impact-slip", "torso-passive", "torso-upright", "rimless-wheel-slip")
+            for name in (
+                "round-feet-passive",
+                "compass-pd-impact-slip",
+                "torso-passive",
+                "torso-upright",
+                "rimless-wheel-slip",
+            )
         ),
     ],
 )
@@ -76,7 +81,8 @@ def test_cycles_of_two_steps_control_laws_springs_and_round_feet_are_replayed(na
     assert fine.sequence_matches
 
 
-@pytest.mark.parametrize("name", ["crawler", pytest.param("inchworm", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["crawler", "inchworm"])
 def test_walkers_with_several_contacts_and_a_clock_are_replayed(name):
     """Both contacts are compared, each with friction of its own.
 

@@ -8,6 +8,7 @@ import pytest
 from casadi import SX, Function, densify, vertcat
 from foot_impacts import foot_impact
 from oracles import CASES, Case, differences, directional, numbers, state_for
+from samples import sampled
 
 from gaitopt import ImpactLaw, Mode, Walker, equations_of_motion, load_problem
 from gaitopt.model.buffered import WIDTH, BufferedFunction, RowMap
@@ -133,7 +134,7 @@ def passive(walker: type[Walker], law: ImpactLaw = ImpactLaw.COULOMB) -> HybridS
     return HybridSystem(walker, NoControl(), law, friction)
 
 
-@pytest.mark.parametrize("walker", [*ONE_FOOT, *SEVERAL], ids=lambda walker: walker.model)
+@pytest.mark.parametrize("walker", sampled([*ONE_FOOT, *SEVERAL], 2), ids=lambda walker: walker.model)
 def test_the_motion_of_every_mode_satisfies_newtons_law_and_its_constraints(walker: type[Walker]) -> None:
     """M ddq + B + G + springs = J' f, J ddq + dJ dq = 0, and f_t = -s mu f_n of contacts that slip."""
     system, rng = passive(walker), np.random.default_rng(0)

@@ -11,6 +11,7 @@ from casadi import SX, vertcat
 from named import named
 from pictured import SEQUENCES, TORSO, gait
 from pydantic import TypeAdapter
+from samples import sampled
 
 from gaitopt.model.mechanism import polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -144,7 +145,7 @@ def test_columns_come_back_to_a_part_of_their_range_and_constants_exactly():
     np.testing.assert_array_equal(unpack(packed, "still"), 0.25)
 
 
-@pytest.mark.parametrize("name", [*WALKERS, "crawler", "bounding", "heel-toe"])
+@pytest.mark.parametrize("name", sampled([*WALKERS, "crawler", "bounding", "heel-toe"], 2))
 def test_a_film_is_what_its_type_states_with_forces_within_the_cone_in_one_small_file(name):
     motion = motion_of(gait(name))
     shown = json.loads(json.dumps(films.film(motion)))

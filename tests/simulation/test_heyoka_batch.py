@@ -95,7 +95,10 @@ def test_results_depend_neither_on_order_nor_on_number(mapped):
             marks=pytest.mark.slow,
         ),
         ("compass-push-off", {"friction": 0.205}, (0.01, 0.05, 0.05), {Ending.PUSH_SLIPS}),
-        ("compass-passive-static-kinetic", {}, (0.03, 0.15, 0.1, 0.05), {"slip_forward", "slip_backward"}),
+        pytest.param(
+            "compass-passive-static-kinetic", {}, (0.03, 0.15, 0.1, 0.05), {"slip_forward", "slip_backward"},
+            marks=pytest.mark.slow,
+        ),
         ("kneed-passive", {"friction": 0.25}, (0.02, 0.1, 0.1, 0.03), {"slip_forward, knee locked"}),
         ("hopper", {}, (0.8,), {"flight, leg locked, thrust on"}),
         ("slip-run-foot", {}, (0.02, 0.03, 0.02), {"flight, leg locked"}),

@@ -94,7 +94,10 @@ def test_the_tangent_has_unit_length_and_lies_in_the_kernel() -> None:
         assert np.abs(point.at.jacobian @ point.tangent).max() < 1e-12
 
 
-@pytest.mark.parametrize(("scale", "length", "count"), [(0.3, 0.01, 450), (1.0, 0.01, 150), (10.0, 0.01, 80)])
+@pytest.mark.parametrize(
+    ("scale", "length", "count"),
+    [pytest.param(0.3, 0.01, 450, marks=pytest.mark.slow), (1.0, 0.01, 150), (10.0, 0.01, 80)],
+)
 def test_scales_do_not_decide_where_a_fold_is(scale: float, length: float, count: int) -> None:
     curve = curve_of("cubic", (1.0, scale))
     points = walked(curve, curve.nearest(np.array([1.2, 1.2**3 - 1.2]), np.array([0.0, -1.0])), length, count)

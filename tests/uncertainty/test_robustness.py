@@ -110,7 +110,7 @@ def test_the_nearest_state_does_not_return_and_one_a_little_nearer_does():
     sampled(product(["compass-passive-stick", "compass-passive-a", "compass-unequal"], QUANTITIES), every=4),
 )
 def test_the_sensitivity_norm_is_that_of_differences_of_walks(name, quantity):
-    """One tile under each step of the cycle differs; the sums are over 60 steps, after which no deviation is left."""
+    """One tile under each step of the cycle differs; the sums are over 40 steps, after which no deviation is left."""
     gait, h = named(name), {"friction": 1e-6, "height": 2e-8, "slope": 1e-6}[quantity]
     n, squares = len(gait.steps), list[np.ndarray]()
     known = [k for k, key in enumerate(OUTPUTS) if key != "cone_distance"]
@@ -118,7 +118,7 @@ def test_the_sensitivity_norm_is_that_of_differences_of_walks(name, quantity):
     def outputs(change, tile):
         nominal = gait.dynamics.static_friction if quantity == "friction" else 0.0
         values = [nominal] * tile + [nominal + change, nominal]
-        steps = Simulator(gait.dynamics, floor=Floor(**{quantity: values})).run(gait.state, steps=60, dense=True).steps
+        steps = Simulator(gait.dynamics, floor=Floor(**{quantity: values})).run(gait.state, steps=40, dense=True).steps
         return np.array([[measure([step])[OUTPUTS[k]] for k in known] for step in steps])
 
     for tile in range(n, 2 * n):

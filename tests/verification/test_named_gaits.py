@@ -106,7 +106,9 @@ MECHANISMS = ("compass-push-off", "round-feet-passive", "compass-unequal", "tele
 LONG = ("torso-passive", "rabbit-optimal", "rabbit-tracked", "rabbit-hzd", "rabbit-hzd-slip")
 
 
-@pytest.mark.parametrize("name", [*MECHANISMS, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)])
+@pytest.mark.parametrize(
+    "name", [*sampled(MECHANISMS, 2), *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)]
+)
 def test_both_engines_confirm_gaits_of_other_mechanisms(name: str) -> None:
     assert verification(name).passed
     pytest.importorskip("heyoka")
@@ -155,7 +157,7 @@ BEYOND = [
 ]
 
 
-@pytest.mark.parametrize(("beyond_end", "radius", "cost", "digits"), sampled(BEYOND, 3))
+@pytest.mark.parametrize(("beyond_end", "radius", "cost", "digits"), sampled(BEYOND, 4))
 def test_what_the_reference_does_beyond_its_end_decides_the_multiplier(beyond_end, radius, cost, digits):
     gait = go.solve(go.load_problem("compass-pd-impact-slip").replace({"control.reference.beyond_end": beyond_end}))
     assert gait.spectral_radius == pytest.approx(radius, abs=5e-4)
