@@ -83,7 +83,7 @@ def test_walks_and_returns_of_several_threads_are_those_of_one(engine):
         walk = simulate(gait, steps=3, engine=engine).trajectory.section_states
         return walk.tobytes(), return_map(gait, states, engine=engine).states.tobytes()
 
-    names = ["compass-passive-a", "rimless-wheel-stick"] * 8
+    names = ["compass-passive-a", "rimless-wheel-stick"] * 4
     assert in_threads(walked, names) == [walked(name) for name in names]
 
 

@@ -257,7 +257,7 @@ def test_the_command_that_makes_the_set_draws_its_orbits():
     assert listed == (SET / "README.md").read_text()
 
 
-@pytest.mark.parametrize("name", sampled(all_names(), 4))
+@pytest.mark.parametrize("name", sampled(all_names(), 8))
 def test_a_file_has_the_stated_format(name):
     jsonschema = pytest.importorskip("jsonschema")
     jsonschema.validate(orbit(name), json.loads((SET / "schema.json").read_text()))

@@ -48,7 +48,7 @@ def landed(q: Array, dq: Array, stiffness: float, time: float) -> tuple[Array, A
         force = MOTOR @ [BRAKE, 0.0] + [0.0, 0.0, f_t, f_n]
         return np.array([*dq, *np.linalg.solve(oracle.M(q), force - oracle.B(q, dq) - oracle.G(q)), slope])
 
-    end = solve_ivp(rates, (0.0, time), [*q, *dq, 0.0], method="Radau", rtol=1e-8, atol=1e-13).y[:, -1]
+    end = solve_ivp(rates, (0.0, time), [*q, *dq, 0.0], method="Radau", rtol=1e-6, atol=1e-11).y[:, -1]
     return end[:4], end[4:8]
 
 

@@ -38,7 +38,7 @@ def solved(nlp, solver="ipopt", more=None):
     return np.asarray(end["x"]).ravel(), run.stats()["success"]
 
 
-@pytest.mark.parametrize("name", sampled(NAMES, 3))
+@pytest.mark.parametrize("name", sampled(NAMES, 5))
 def test_every_unknown_and_constraint_has_bounds_and_a_label_with_its_place_and_unit(name):
     nlp = go.nlp(name)
     cycle, mesh = nlp.equations.mesh.cycle, nlp.equations.mesh

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from named import named, solved
 from orbit_files import changed, differing, written
+from samples import sampled
 
 import gaitopt as go
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
@@ -32,7 +33,7 @@ def closed(design):
     return solved(with_feedback({"design": design}))
 
 
-@pytest.mark.parametrize(("design", "radius"), [("lqr", 0.786), ("deadbeat", 0.0), ("minimum_radius", 0.3)])
+@pytest.mark.parametrize(("design", "radius"), sampled([("lqr", 0.786), ("deadbeat", 0.0), ("minimum_radius", 0.3)], 2))
 def test_closed_loop_multipliers_are_those_of_the_linearised_map_and_of_the_saltation_product(design, radius):
     opened, gait = named(NAME), closed(design)
     known = gait.system.control.step_feedback.known
