@@ -613,7 +613,7 @@ OTHERS = [
          margin="onset", where=0.0),
     Case("crawler", "friction.rear", 0.57, "mode_change", "friction.front", (0.395, 0.41), margin="cone_backward.rear",
          where=0.0),
-    Case("inchworm", "friction.front", 0.39, "mode_change", "friction.rear", (0.495, 0.505), cuts=2,
+    Case("inchworm", "friction.front", 0.39, "mode_change", "friction.rear", (0.495, 0.505),
          margin="cone_forward.front"),
     Case("inchworm", "friction.front", 0.42, "mode_change", "friction.rear", (0.4995, 0.5005), cuts=1,
          margin="slip_velocity.front", where=0.25),

@@ -14,6 +14,7 @@ from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.proof.arithmetic import PRECISION
 from gaitopt.proof.check import check
 from gaitopt.proof.law import exact_law
+from gaitopt.proof.law_data import DURATION_ERROR, duration_claim
 from gaitopt.proof.prove import arc_records, arcs_of, certificate_header
 from gaitopt.proof.taylor import PhaseSpace, VectorField
 
@@ -55,6 +56,15 @@ def test_a_fit_in_balls_is_the_least_squares_fit():
         exact = exact_law(law, lambda key, value: repr(value))
     np.testing.assert_allclose([float(value) for value in exact.data[0]], law.data(0), rtol=1e-9)
     assert max(float(value.rad()) for value in exact.data[0]) < 1e-20
+
+
+@pytest.mark.parametrize("ratio", [1 - 2 * DURATION_ERROR, 1 + 2 * DURATION_ERROR])
+def test_a_duration_is_the_period_of_a_gait_up_to_its_error(ratio):
+    with ctx.workprec(PRECISION):
+        period = arb("0.75", "1e-20")
+        assert duration_claim(0.75, period, DURATION_ERROR, "a gait").proved
+        assert not duration_claim(0.75 * ratio, period, DURATION_ERROR, "a gait").proved
+        assert not duration_claim(0.75, arb("0.75", "1e-9"), DURATION_ERROR, "a gait").proved
 
 
 @pytest.mark.slow
