@@ -542,6 +542,8 @@ def test_a_bound_beyond_which_the_curve_begins_is_refused(bound, words, tmp_path
 
 
 DEG = radians(1)
+CUTS = 20
+"""Number of values at which a traced curve is cut; half an hour of one processor for flat-foot."""
 
 
 @dataclass(frozen=True)
@@ -556,7 +558,6 @@ class Case:
     second, targets : the trace.
     margin : kind of the monitor that vanishes; empty for a bifurcation.
     where : where in its phase it does, from 0 to 1.
-    cuts : number of cuts of the curve.
     """
 
     name: str
@@ -568,7 +569,6 @@ class Case:
     index: int = 0
     margin: str = ""
     where: float = 1.0
-    cuts: int = 20
     changes: tuple[tuple[str, float], ...] = ()
 
     def __str__(self) -> str:
@@ -603,7 +603,7 @@ OTHERS = [
          margin="impulse_cone_forward.swing_heel"),
     Case("heel-toe-slip", "walker.toe", 0.06, "period_doubling", "friction", (0.262, 0.268)),
     Case("heel-toe", "friction", 0.268, "period_doubling", "walker.toe", (0.016, 0.028), changes=SHORT_TOE),
-    Case("flat-foot", "friction", 1.15, "impact_change", "walker.stiffness", (24.9, 25.1), cuts=1,
+    Case("flat-foot", "friction", 1.15, "impact_change", "walker.stiffness", (24.9, 25.1),
          margin="impulse_cone_backward.swing_heel"),
     Case("bounding", "walker.energy", 85.0, "impact_change", "walker.stiffness", (7000.0, 7080.0),
          margin="duration"),
@@ -615,7 +615,7 @@ OTHERS = [
          where=0.0),
     Case("inchworm", "friction.front", 0.39, "mode_change", "friction.rear", (0.495, 0.505),
          margin="cone_forward.front"),
-    Case("inchworm", "friction.front", 0.42, "mode_change", "friction.rear", (0.4995, 0.5005), cuts=1,
+    Case("inchworm", "friction.front", 0.42, "mode_change", "friction.rear", (0.4995, 0.5005),
          margin="slip_velocity.front", where=0.25),
 ]  # fmt: skip
 
@@ -636,7 +636,7 @@ def test_a_curve_has_the_special_points_of_branches_wherever_it_is_cut(case: Cas
             assert monitor.value == pytest.approx(0, abs=1e-10)
             assert monitor.where == pytest.approx(case.where, abs=0.05)
     points = [point for point in curve if point.index]
-    for point in points[:: max(1, len(points) // case.cuts)]:
+    for point in points[:: max(1, len(points) // CUTS)]:
         value, found = point.values[case.first], cut(point, case.first, case.kind)
         assert found is not None, point
         assert found == pytest.approx(value, rel=0, abs=AGREEMENT * max(1.0, abs(value)))
