@@ -10,6 +10,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cache
 from importlib.metadata import packages_distributions, version
 from itertools import pairwise, product
 from math import isfinite
@@ -691,9 +692,15 @@ def _plain(value: Any) -> str:
     return repr(np.asarray(value, dtype=float).tolist()).replace("'", "")
 
 
+@cache
+def _distributions() -> Mapping[str, list[str]]:
+    """The distributions of every importable package; to list them takes a quarter of a second."""
+    return packages_distributions()
+
+
 def _origin(plugin: type) -> str:
     """Module, distribution and version of a class from another package."""
-    names = packages_distributions().get(plugin.__module__.partition(".")[0], [])
+    names = _distributions().get(plugin.__module__.partition(".")[0], [])
     distribution = f"{names[0]} {version(names[0])}" if names else "no distribution"
     return f"{plugin.__module__}:{plugin.__qualname__}, {distribution}, version {getattr(plugin, 'version', 'none')}"
 
