@@ -149,7 +149,7 @@ class Reference(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     _known: Curve | None = PrivateAttr(default=None)
     _over_law: bool = PrivateAttr(default=False)  # whether the control law states the argument of the curve
-    _stated_at: Uncompared[Path] = PrivateAttr(default=Uncompared(()))  # see ``place``
+    _stated_at: Uncompared[Path] = PrivateAttr(default=Uncompared(()))  # see ``joints_path``
 
     def motion(self, phase: str = "", span: tuple[float, float] = (0.0, 1.0)) -> Curve:
         """The curve that the joints follow.
@@ -234,7 +234,7 @@ class Reference(BaseModel):
         return bool(getattr(self._section[1], "invariant", None))
 
     @property
-    def place(self) -> Path:
+    def joints_path(self) -> Path:
         """The keys in the file under which the joints are listed: that of this kind, or of the one that became it."""
         return self._stated_at.value or (self.kind,)
 
@@ -281,8 +281,8 @@ class Reference(BaseModel):
             yield (*above, "invariant"), reason
         if not self.over_phase:
             if beyond_end is None:
-                remedy = f"give {self.continuations}"
-                yield ("beyond_end",), f"is missing: {remedy}, because a step may last longer than the reference"
+                reason = "because a step may last longer than the reference"
+                yield ("beyond_end",), f"is missing: give {self.continuations}, {reason}"
             if self._needs_ends and duration is None:
                 remedy = "those of a phase variable need phase: NAME and span: [START, END]"
                 yield (*above, "duration"), f"is missing: curves of time need their duration: SECONDS; {remedy}"
@@ -353,11 +353,11 @@ class Reference(BaseModel):
 
     def _points_of(self, name: str) -> Sequence[tuple[Path, float | Free[float]]]:
         """Paths and values of the control points of a joint."""
-        return [((*self.place, name, k), point) for k, point in enumerate(self.points.get(name, ()))]
+        return [((*self.joints_path, name, k), point) for k, point in enumerate(self.points.get(name, ()))]
 
     def _fault_of(self, joint: str, message: str) -> Fault:
         """A fault of what the reference states about a joint; ``message`` continues the name of its key."""
-        return (*self.place, joint), message
+        return (*self.joints_path, joint), message
 
     def _kind_faults(self) -> Iterator[Fault]:
         """Mistakes that only this kind of reference can have."""

@@ -223,7 +223,7 @@ class VirtualConstraints(Control):
             names or not isinstance(self.reference, CurveReference)
         ):  # or points are missing
             mismatch = f"has curves of {', '.join(names) or 'no output'}; the outputs are {', '.join(self.outputs)}"
-            yield ("reference", *self.reference.place), mismatch
+            yield ("reference", *self.reference.joints_path), mismatch
         if (
             isinstance(self.reference, TableReference)
             and (first := next(iter(self.reference.table.columns))) != self.phase

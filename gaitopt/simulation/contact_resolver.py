@@ -281,7 +281,7 @@ class ContactResolver:
                 return chosen
             if not self._forces.law_assumes_sticking or chosen.held.contact is law_mode.contact:
                 return self._unless_lifted(chosen, "no mode keeps the foot on the ground")
-            # in the chosen mode the law assumes fewer contacts, so that its torques jump
+            # in the chosen mode the law assumes that fewer contacts stick, so that its torques jump
             law_mode = chosen.held
             candidates = tuple(mode for mode in candidates if {*mode.touching} <= {*chosen.touching})
 
