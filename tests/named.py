@@ -1,10 +1,14 @@
 """Gaits of the named problems, each solved once in every process of the suite."""
 
 from functools import cache
+from itertools import islice
 from math import radians
 from typing import Any
 
 from gaitopt import Gait, Problem, Verification, load_problem, solve, verify
+from gaitopt.branches.continuation import follow_family
+from gaitopt.branches.request import Request
+from gaitopt.gait.branch import SpecialPoint
 
 
 @cache
@@ -43,3 +47,10 @@ def verified(problem: Problem | str, **options: Any) -> Gait:
     gait = solved(problem, **options)
     assert [claim.summary for claim in verify(gait).claims if not claim.passed] == []
     return gait
+
+
+def special_of(gait: Gait, parameter: str, to: float, kind: str, index: int = 0) -> SpecialPoint:
+    """The special point of a kind, by its index, on the family of a gait, which is followed no further."""
+    records = follow_family(gait, Request(parameter=parameter, to=(to,), verify_every=0))
+    special = (record for record in records if isinstance(record, SpecialPoint) and record.type == kind)
+    return next(islice(special, index, None))

@@ -7,7 +7,7 @@ from math import radians
 
 import numpy as np
 import pytest
-from named import named, steep
+from named import named, special_of, steep
 
 import gaitopt as go
 from gaitopt import Branch, Cycle, Gait, Mode, continuation
@@ -60,8 +60,7 @@ def test_a_doubled_family_begins_at_the_doubling_like_a_square_root() -> None:
 def runs() -> tuple[SpecialPoint, Gait, float]:
     """The doubling of running, a gait of the doubled family, and an angle of attack beyond the doubling."""
     beyond = radians(68.6)
-    records = follow_family(named("slip-run"), Request(parameter=ATTACK, to=(beyond,), verify_every=0))
-    doubling = next(record for record in records if getattr(record, "type", "") == "period_doubling")
+    doubling = special_of(named("slip-run"), ATTACK, beyond, "period_doubling")
     return doubling, continuation(doubling, ATTACK, radians(67), max_points=4, verify_every=0)[3].gait, beyond
 
 

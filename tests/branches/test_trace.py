@@ -10,18 +10,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from named import named
+from named import named, special_of
 from oracles import crawl, wheel_friction
 from scipy.optimize import brentq
 
 import gaitopt as go
 from gaitopt import Cycle, continuation, load_run, trace
 from gaitopt.branches.conditions import Eigenvalue, MarginZero, Pair
-from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.curve import Curve, Metric
 from gaitopt.branches.monitors import monitor_values
 from gaitopt.branches.normal_forms import local_map
-from gaitopt.branches.request import Request
 from gaitopt.branches.trace import CurveWalk, follow_curve, traced_start
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.trace import CurveStart, MonitorKey, TracePoint, TraceSpecial
@@ -46,8 +44,7 @@ ASIDE = 2e-4
 def special(name, kind, parameter, to, index=0, changes=()):
     """A special point of the family of a named gait, at other values of some parameters."""
     gait = named(name) if not changes else go.solve(go.load_problem(name).replace(dict(changes)), progress=False)
-    records = follow_family(gait, Request(parameter=parameter, to=(to,), verify_every=0))
-    return [*islice((record for record in records if getattr(record, "type", "") == kind), index + 1)][index]
+    return special_of(gait, parameter, to, kind, index)
 
 
 def doubling():
