@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from math import inf, nextafter, sqrt
 
 import numpy as np
-from casadi import DM, SX, Function, fabs, fmax, horzcat, sparsify, sumsqr, vertcat
+from casadi import DM, SX, Function, extract_parametric, fabs, fmax, horzcat, sparsify, sumsqr, vertcat
 
 from gaitopt.arrays import Array, read_only
 from gaitopt.building import built_once
@@ -159,15 +159,16 @@ class CompiledStep:
     def __init__(
         self, rate: Function, point: Function, *, rtol: float, atol: float | Array, compare: Function | None = None
     ) -> None:
-        self._step = Buffers(_step(rate, point, compare))
-        self._step.inputs[6][:] = rtol
-        self._step.inputs[7][:] = atol
-        self.compared = self._step.inputs[8:]
+        constants, step = _step(rate, point, compare)
+        self._constants, self._step = Buffers(constants), Buffers(step)
+        self._step.inputs[5][:] = rtol
+        self._step.inputs[6][:] = atol
+        self.compared = self._step.inputs[7:]
         self._n = rate.numel_in(1)
 
     def load(self, p: Array, r: Array) -> None:
         """Set the parameters of the following steps."""
-        self._step.inputs[4][:], self._step.inputs[5][:] = p, r
+        (self._step.inputs[4][:],) = self._constants(p, r)
 
     def try_step(self, t: float, y: Array, f: Array, h: float) -> tuple[float, Sequence[Array]]:
         """Error of a step from ``t`` in units of the tolerance, and (y_new, f_new, ...), valid until the next call."""
@@ -279,25 +280,31 @@ def bracketed_root(function: Callable[[float], float], low: float, high: float, 
 
 
 @built_once(maxsize=64)
-def _step(rate: Function, point: Function, compare: Function | None) -> Function:
-    """(t, y, f, h, p, r, rtol, atol) -> squared errors in units of the tolerance, y_new, and ``point`` at the end.
+def _step(rate: Function, point: Function, compare: Function | None) -> tuple[Function, Function]:
+    """(p, r) -> c; and (t, y, f, h, c, rtol, atol) -> squared errors in units of the tolerance, y_new, and ``point``.
 
-    The inputs of ``compare``, except those at the end of the step, are further inputs; its value is the last output.
+    All terms that depend on the parameters only are in c, so that a step does not compute them at every stage.
+    ``point`` is taken at the end of the step. The inputs of ``compare``, except those at the end of the step, are
+    further inputs; its value is the last output.
     """
-    n, n_p, n_r = (rate.numel_in(k) for k in (1, 2, 3))
-    sizes = (1, n, n, 1, n_p, n_r, 1, n)
-    inputs = [SX.sym(f"x{k}", size) for k, size in enumerate(sizes)]
-    t, y, f, h, p, r, rtol, atol = inputs
+    t, y, p, r = inputs = rate.sx_in()
+    ends = [*rate.call(inputs), *point.call(inputs)]
+    (slope, *outputs), symbols, terms = extract_parametric(ends, vertcat(p, r), {"extract_trivial": True})
+    c = vertcat(SX(0, 1), *symbols)
+    constants = Function("constants", [p, r], [vertcat(SX(0, 1), *terms)])
+    rate, point = Function("rate", [t, y, c], [slope]), Function("point", [t, y, c], outputs)
+    n = y.numel()
+    t, y, f, h, rtol, atol = (SX.sym(f"x{k}", size) for k, size in enumerate((1, n, n, 1, 1, n)))
     stages = [f]
-    for a, c in zip(A[1:], C[1:], strict=True):
-        stages.append(rate(t + float(c) * h, y + h * combined(a, stages), p, r))
+    for a, fraction in zip(A[1:], C[1:], strict=True):
+        stages.append(rate(t + float(fraction) * h, y + h * combined(a, stages), c))
     y_new = y + h * combined(B, stages)
-    f_new, *others = point.call([t + h, y_new, p, r])
+    f_new, *others = point.call([t + h, y_new, c])
     scale = atol + rtol * fmax(fabs(y), fabs(y_new))
     squares = [sumsqr(combined(e, [*stages, f_new]) / scale) for e in (E5, E3)]
-    outputs = [vertcat(*squares), y_new, f_new, *others]
+    inputs, outputs = [t, y, f, h, c, rtol, atol], [vertcat(*squares), y_new, f_new, *others]
     if compare is not None:
         further = [SX.sym(f"c{k}", compare.numel_in(k)) for k in range(compare.n_in())]
         inputs += further[: len(others)] + further[2 * len(others) :]
         outputs += compare.call([*further[: len(others)], *others, *further[2 * len(others) :]])
-    return Function("dop853", inputs, outputs)
+    return constants, Function("dop853", inputs, outputs)

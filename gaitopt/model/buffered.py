@@ -67,7 +67,7 @@ class NumericFunction(Callback):
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
         """The outputs."""
-        return [DM(value) for value in self._evaluate(*(np.asarray(column).ravel() for column in arg))]
+        return [DM(value) for value in self._evaluate(*(column.full().ravel() for column in arg))]
 
     def has_jacobian(self) -> bool:
         """Whether there are derivatives."""

@@ -21,7 +21,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, solve, substitute, vec, vertcat
+from casadi import SX, Function, densify, horzcat, is_equal, jacobian, jtimes, norm_2, solve, substitute, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
@@ -33,7 +33,6 @@ from gaitopt.model.declaration import (
     is_default,
     parameter_namespace,
     state_landing,
-    state_mechanism,
     state_picture,
     symbolic_mechanism,
 )
@@ -60,6 +59,8 @@ AGREEMENT = 1e-9
 LINKS_TOLERANCE = 1e-12
 """Largest relative difference of the mass matrix and of positions between links and mechanism: rounding, with a
 reserve."""
+DEPTH = 50
+"""Largest number of nested operations up to which expressions are compared; positions of bodies have a few per link."""
 SMALLEST_EIGENVALUE = 1e-12
 """Smallest eigenvalue of a definite mass matrix whose diagonal is scaled to one: the rounding of its factorisation."""
 POSTURE_STEPS = 60
@@ -378,6 +379,8 @@ def _touchdown_fault(
 def _links_fault(walker: type[Walker], p: Array) -> str | None:
     """Message about links that contradict the mechanism: another inertia, weight or swing foot."""
     random, pairs = np.random.default_rng(0), _links_pairs(walker)
+    if pairs is None:
+        return None
     names = ("mass matrix", "centre of mass", "swing foot", "angle of a motor that has the name of a joint")
     for _ in range(CHECKED_TOUCHDOWNS):
         shape = random.uniform(-1, 1, len(walker.shape))
@@ -390,25 +393,40 @@ def _links_fault(walker: type[Walker], p: Array) -> str | None:
 
 
 @built_once(maxsize=8)
-def _links_pairs(walker: type[Walker]) -> Function:
-    """(shape, p) -> pairs of the mechanism's and the links' mass matrix, mass moment, swing foot, and motors."""
+def _links_pairs(walker: type[Walker]) -> Function | None:
+    """(shape, p) -> pairs of the mechanism's and the links' mass matrix, mass moment, swing foot, and motors.
+
+    None if both state the same expressions, as in a mechanism that only refines that of the links.
+    """
     names, (q, p, mechanism) = (*walker.shape, "x", "y"), symbolic_mechanism(walker)
     named = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)}), parameter_namespace(walker, p)
     tree = state_tree(walker, *named)
+    motors = dict(zip(walker.actuators, mechanism.motors, strict=True))
+    shared = [name for name in walker.actuators if name in tree.joints]
+
+    def stated(bodies: tuple[Body, ...], swing_foot: SX, motors: Mapping[str, SX]) -> list[SX]:
+        of_bodies = (vertcat(body.mass, body.inertia, body.position, body.angle) for body in bodies)
+        return [*of_bodies, swing_foot, *(SX(motors[name]) for name in shared)]
 
     def properties(bodies: tuple[Body, ...], swing_foot: SX, motors: Mapping[str, SX]) -> tuple[SX, ...]:
         moment = sum((body.mass * body.position for body in bodies), SX.zeros(2))
-        shared = (motors[name] for name in walker.actuators if name in tree.joints)
-        return inertia(bodies, q, SX.zeros(q.numel()))[0], moment, swing_foot, vertcat(SX(0), *shared)
+        angles = vertcat(SX(0), *(motors[name] for name in shared))
+        return inertia(bodies, q, SX.zeros(q.numel()))[0], moment, swing_foot, angles
 
-    motors = dict(zip(walker.actuators, mechanism.motors, strict=True))
-    stated = properties(mechanism.bodies, mechanism.swing_foot, motors)
-    follow = properties(tree.bodies(), tree.swing_foot, tree.joints)
-    outputs = [densify(output) for pair in zip(stated, follow, strict=True) for output in pair]
+    sides = (mechanism.bodies, mechanism.swing_foot, motors), (tree.bodies(), tree.swing_foot, tree.joints)
+    ours, theirs = (stated(*side) for side in sides)
+    if len(ours) == len(theirs) and all(map(_is_same, ours, theirs)):
+        return None
+    outputs = [densify(output) for pair in zip(*(properties(*side) for side in sides), strict=True) for output in pair]
     shape = q[: len(walker.shape)]
     at_foot = substitute(vertcat(*map(vec, outputs)), q[len(walker.shape) :], SX.zeros(2))
     sizes = np.cumsum([0, *(output.numel() for output in outputs)])
     return Function("links", [shape, p], [at_foot[a:b] for a, b in pairwise(map(int, sizes))])
+
+
+def _is_same(one: SX, other: SX) -> bool:
+    """Whether two expressions consist of the same operations."""
+    return one.shape == other.shape and is_equal(one, other, DEPTH)
 
 
 def _before_relabelling(walker: type[Walker], s_plus: Array, p: Array) -> Array | None:
@@ -463,7 +481,7 @@ def _without_inertia(walker: type[Walker], mass_matrix: Array) -> str | None:
 def _undefined(walker: type[Walker], shape: Array, p: Array) -> str | None:
     """Message about an expression that is not a finite number for a walker at rest in a posture."""
     names, function = _definition(walker)
-    values = np.asarray(function(shape, p)).ravel()
+    (values,) = buffered(function)(shape, p)
     bad = np.flatnonzero(~np.isfinite(values))
     if not bad.size:
         return None
@@ -567,11 +585,10 @@ def _definition(walker: type[Walker]) -> tuple[tuple[str, ...], Function]:
 
     The derivatives of the expressions of a mechanism are included, because the equations of motion contain them.
     """
-    shape, p = SX.sym("shape", len(walker.shape)), SX.sym("p", len(walker.model_fields))
-    q = SimpleNamespace(**{name: shape[k] for k, name in enumerate(walker.shape)}, x=SX(0), y=SX(0))
+    (coordinates, p, m), n = symbolic_mechanism(walker), len(walker.shape)
+    q = SimpleNamespace(**{name: coordinates[k] for k, name in enumerate((*walker.shape, "x", "y"))})
     dq = SimpleNamespace(**{name: SX(0) for name in vars(q)})
-    parameters = parameter_namespace(walker, p)
-    m = state_mechanism(walker, q, parameters)
+    parameters, shape = parameter_namespace(walker, p), coordinates[:n]
     stated = {
         "Mechanism.gravity": m.gravity,
         "Mechanism.swing_foot": m.swing_foot,
@@ -598,4 +615,5 @@ def _definition(walker: type[Walker]) -> tuple[tuple[str, ...], Function]:
     stated |= {f"line {k} of outline": vertcat(*line) for k, line in enumerate(lines)}
     stated |= {"contact": contact} | slopes
     names = tuple(name for name, expression in stated.items() for _ in range(expression.numel()))
-    return names, Function("definition", [shape, p], [densify(vertcat(*map(vec, stated.values())))])
+    values = substitute(densify(vertcat(*map(vec, stated.values()))), coordinates[n:], SX.zeros(2))
+    return names, Function("definition", [shape, p], [values])
