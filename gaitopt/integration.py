@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from math import inf, nextafter, sqrt
 
 import numpy as np
-from casadi import DM, SX, Function, extract_parametric, fabs, fmax, horzcat, sparsify, sumsqr, vertcat
+from casadi import DM, SX, Function, densify, extract_parametric, fabs, fmax, horzcat, sparsify, sumsqr, vertcat
 
 from gaitopt.arrays import Array, read_only
 from gaitopt.building import built_once
@@ -307,4 +307,4 @@ def _step(rate: Function, point: Function, compare: Function | None) -> tuple[Fu
         further = [SX.sym(f"c{k}", compare.numel_in(k)) for k in range(compare.n_in())]
         inputs += further[: len(others)] + further[2 * len(others) :]
         outputs += compare.call([*further[: len(others)], *others, *further[2 * len(others) :]])
-    return constants, Function("dop853", inputs, outputs)
+    return constants, Function("dop853", inputs, [densify(output) for output in outputs])

@@ -31,14 +31,12 @@ from gaitopt.model.declaration import (
     check_class,
     has_links,
     is_default,
-    parameter_namespace,
     state_landing,
     state_picture,
     symbolic_mechanism,
 )
 from gaitopt.model.foreign import calling, shown
 from gaitopt.model.lagrangian import equations_of_motion, inertia
-from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import Body
 from gaitopt.model.section import stated_lift
 from gaitopt.model.units import LARGEST_SIZE, Scales
@@ -59,8 +57,8 @@ AGREEMENT = 1e-9
 LINKS_TOLERANCE = 1e-12
 """Largest relative difference of the mass matrix and of positions between links and mechanism: rounding, with a
 reserve."""
-DEPTH = 50
-"""Largest number of nested operations up to which expressions are compared; positions of bodies have a few per link."""
+COMPARISON_DEPTH = 50
+"""Depth to which CasADi compares the expression trees of links and mechanism, which have a few operations per link."""
 SMALLEST_EIGENVALUE = 1e-12
 """Smallest eigenvalue of a definite mass matrix whose diagonal is scaled to one: the rounding of its factorisation."""
 POSTURE_STEPS = 60
@@ -199,7 +197,7 @@ def before_impact(walker: type[Walker], shape: Array, p: Array) -> Array:
 @built_once(maxsize=8)
 def _feet(walker: type[Walker]) -> Function:
     """(shape just after an impact, p) -> position of the swing foot, and the shape just before the impact."""
-    (q, p, mechanism), n = symbolic_mechanism(walker), len(walker.shape)
+    (q, p, mechanism, _), n = symbolic_mechanism(walker), len(walker.shape)
     s, relabel = q[:n], SX(mechanism.relabel)
     swing_foot = substitute(mechanism.swing_foot, q[n:], SX.zeros(2))
     swap, offset = jacobian(relabel, s), substitute(relabel, s, SX.zeros(s.numel()))
@@ -398,9 +396,8 @@ def _links_pairs(walker: type[Walker]) -> Function | None:
 
     None if both state the same expressions, as in a mechanism that only refines that of the links.
     """
-    names, (q, p, mechanism) = (*walker.shape, "x", "y"), symbolic_mechanism(walker)
-    named = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)}), parameter_namespace(walker, p)
-    tree = state_tree(walker, *named)
+    q, p, mechanism, tree = symbolic_mechanism(walker)
+    assert tree is not None  # the caller has asked
     motors = dict(zip(walker.actuators, mechanism.motors, strict=True))
     shared = [name for name in walker.actuators if name in tree.joints]
 
@@ -426,7 +423,7 @@ def _links_pairs(walker: type[Walker]) -> Function | None:
 
 def _is_same(one: SX, other: SX) -> bool:
     """Whether two expressions consist of the same operations."""
-    return one.shape == other.shape and is_equal(one, other, DEPTH)
+    return one.shape == other.shape and is_equal(one, other, COMPARISON_DEPTH)
 
 
 def _before_relabelling(walker: type[Walker], s_plus: Array, p: Array) -> Array | None:
@@ -545,7 +542,7 @@ def posture_at(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
 @built_once(maxsize=8)
 def _kinematics(walker: type[Walker]) -> tuple[Function, dict[str, tuple[int, ...]]]:
     """(q, dq, p) -> the entries of ``Posture``, and the shape of each by name."""
-    n, (q, p, mechanism) = len(walker.shape), symbolic_mechanism(walker)
+    n, (q, p, mechanism, _) = len(walker.shape), symbolic_mechanism(walker)
     dq = SX.sym("dq", q.numel())
     bodies = []
     for body in mechanism.bodies:
@@ -585,10 +582,9 @@ def _definition(walker: type[Walker]) -> tuple[tuple[str, ...], Function]:
 
     The derivatives of the expressions of a mechanism are included, because the equations of motion contain them.
     """
-    (coordinates, p, m), n = symbolic_mechanism(walker), len(walker.shape)
-    q = SimpleNamespace(**{name: coordinates[k] for k, name in enumerate((*walker.shape, "x", "y"))})
+    known, n = symbolic_mechanism(walker), len(walker.shape)
+    (coordinates, p, m, tree), (q, parameters), shape = known, known.by_name(walker), known.q[:n]
     dq = SimpleNamespace(**{name: SX(0) for name in vars(q)})
-    parameters, shape = parameter_namespace(walker, p), coordinates[:n]
     stated = {
         "Mechanism.gravity": m.gravity,
         "Mechanism.swing_foot": m.swing_foot,
@@ -611,7 +607,7 @@ def _definition(walker: type[Walker]) -> tuple[tuple[str, ...], Function]:
     if walker.massless_feet and not is_default(walker, "landing"):
         landed = state_landing(walker, q, dq, parameters)
         stated |= {f"{name} after landing": values for name, values in zip(("posture", "rate"), landed, strict=True)}
-    lines, contact = state_picture(walker, q, parameters)
+    lines, contact = state_picture(walker, q, parameters, tree)
     stated |= {f"line {k} of outline": vertcat(*line) for k, line in enumerate(lines)}
     stated |= {"contact": contact} | slopes
     names = tuple(name for name, expression in stated.items() for _ in range(expression.numel()))

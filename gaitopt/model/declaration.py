@@ -35,7 +35,7 @@ from gaitopt.model.foreign import (
     shown,
     symbols_of,
 )
-from gaitopt.model.links import state_tree
+from gaitopt.model.links import Tree, state_tree
 from gaitopt.model.mechanism import Body, Contact, Damper, Mechanism
 from gaitopt.model.modes import STOP_STATES, SWITCH_STATES
 from gaitopt.model.units import words_and_unit
@@ -127,20 +127,30 @@ def check_class(walker: object) -> None:
 
 
 class SymbolicMechanism(NamedTuple):
-    """Coordinates (shape, x, y), parameters, and the mechanism in terms of them."""
+    """Coordinates (shape, x, y) and parameters, and the mechanism and the links in terms of them; no links are None."""
 
     q: SX
     p: SX
     mechanism: Mechanism
+    tree: Tree | None
+
+    def by_name(self, walker: type[Walker]) -> tuple[SimpleNamespace, SimpleNamespace]:
+        """Coordinates and parameters as arguments of ``Walker.mechanism``."""
+        return _by_name(walker, self.q, self.p)
 
 
 @built_once(maxsize=32)
 def symbolic_mechanism(walker: type[Walker]) -> SymbolicMechanism:
     """The mechanism of a walker as expressions of symbols, which are the same in every call."""
+    q, p = vertcat(*map(SX.sym, (*walker.shape, *FOOT_COORDINATES))), SX.sym("p", len(walker.model_fields))
+    named = _by_name(walker, q, p)
+    tree = state_tree(walker, *named) if has_links(walker) else None
+    return SymbolicMechanism(q, p, state_mechanism(walker, *named), tree)
+
+
+def _by_name(walker: type[Walker], q: SX, p: SX) -> tuple[SimpleNamespace, SimpleNamespace]:
     names = (*walker.shape, *FOOT_COORDINATES)
-    q, p = vertcat(*map(SX.sym, names)), SX.sym("p", len(walker.model_fields))
-    named = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)})
-    return SymbolicMechanism(q, p, state_mechanism(walker, named, parameter_namespace(walker, p)))
+    return SimpleNamespace(**{name: q[k] for k, name in enumerate(names)}), parameter_namespace(walker, p)
 
 
 def parameter_values(walker: Walker) -> Array:
@@ -263,7 +273,7 @@ def actuator_units(walker: type[Walker]) -> Mapping[str, str]:
     if not walker.actuators:
         return {}
     try:
-        variables, parameters, mechanism = symbolic_mechanism(walker)
+        variables, parameters, mechanism, _ = symbolic_mechanism(walker)
     except ProblemError:
         return dict.fromkeys(walker.actuators, "N m")
     motors, p = mechanism.motors, vars(parameter_namespace(walker, parameters))
@@ -329,9 +339,13 @@ def state_landing(walker: type[Walker], q: SimpleNamespace, dq: SimpleNamespace,
 
 
 def state_picture(
-    walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
+    walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace, tree: Tree | None = None
 ) -> tuple[tuple[tuple[SX, ...], ...], SX]:
     """The lines of ``Walker.outline``, each a tuple of points of shape (2,), and the point of ``Walker.contact`` [m].
+
+    Parameters
+    ----------
+    tree : the links at ``q`` and ``p``, if they are known.
 
     Raises
     ------
@@ -339,7 +353,8 @@ def state_picture(
         If one of the two methods raises, or does not return these.
     """
     read = Reader(walker, q, p)
-    tree = state_tree(walker, q, p) if has_links(walker) else None
+    if tree is None and has_links(walker):
+        tree = state_tree(walker, q, p)
     with calling(walker, "outline"):
         lines = tree.lines() if tree and is_default(walker, "outline") else walker.outline(q, p)
     if not (is_list(lines, tuple | list) and all(len(line) > 1 for line in lines)):

@@ -129,6 +129,8 @@ class Reader:
 
     def vector(self, what: str, value: Any, size: int, of: str) -> SX:
         """A column of expressions, which depend on the arguments ``of``: a key of ``_forbidden``."""
+        if size == 1 and is_finite(value):  # a number needs no check of its symbols, which takes long
+            return SX(value)
         name = self._class.__name__
         form = "one number or expression" if size == 1 else f"a column of {size}, vertcat(...)"
         expression = self.expression(what, value, form)

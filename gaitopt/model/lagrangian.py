@@ -195,7 +195,7 @@ def equations_on_tiles(walker: type[Walker]) -> EquationsOfMotion:
 
 def _equations(walker: type[Walker], *, uneven: bool) -> EquationsOfMotion:
     check_class(walker)
-    q, p, mechanism = symbolic_mechanism(walker)
+    q, p, mechanism, _ = symbolic_mechanism(walker)
     names = (*walker.shape, "x", "y")
     dq = vertcat(*(SX.sym(f"d{name}") for name in names))
 
