@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from contact_problems import contact_gait, with_point_feet
 from contact_walkers import Frame, dynamics_of
+from oracles import directional, numbers
 from samples import sampled
 
 from gaitopt import Control, Instant, Mode
@@ -26,9 +27,12 @@ CASES = {  # a gait, and modes of its contacts at its first state
     "inchworm": [{"rear": "stick", "front": "slip_forward"}, {"rear": "stick"}, {"front": "slip_backward"}],
 }
 
+SOON = 1e-6
+"""A short time, in natural units."""
+
 
 def compare(dynamics: Dynamics, mode: Mode, t: float, z: np.ndarray) -> None:
-    """Rates of the state, margins of the forces and their rates along the motion, in natural units."""
+    """Rates of the state, accelerations of the contacts, margins of the forces and their rates, in natural units."""
     system, forces = dynamics.system, ContactForces(dynamics)
     held = mode.with_states(dict.fromkeys(mode.touching, "stick"))
     instant = forces.at(t, z, 0)
@@ -38,6 +42,9 @@ def compare(dynamics: Dynamics, mode: Mode, t: float, z: np.ndarray) -> None:
     expected = dz[n:][order] * dynamics.scales.time
     size = 1 + np.abs(expected).max()
     assert found.motion[0] == pytest.approx(expected, rel=1e-10, abs=1e-11 * size)
+    moved = directional(lambda z: numbers(system.contact_points(z, dynamics.p))[1], z, dz * dynamics.state_units)
+    contact = moved / dynamics.scales.length * dynamics.scales.time**2
+    assert found.contact[0].ravel() == pytest.approx(contact, rel=1e-7, abs=1e-8 * size)
     names = system.transitions.margin_names(mode)
     units = dynamics.margin_units(mode)
     values, rates = (np.asarray(v).ravel() / units for v in system.events(mode)(t, z, dynamics.p, system.data(0)))
@@ -47,6 +54,9 @@ def compare(dynamics: Dynamics, mode: Mode, t: float, z: np.ndarray) -> None:
     assert margins == pytest.approx(values[places], rel=1e-10, abs=1e-11 * size)
     along = np.array(instant.rates(mode, held, found.motion[0]))
     assert along == pytest.approx(rates[places] * dynamics.scales.time, rel=1e-8, abs=1e-9 * size)
+    later = instant.after(SOON, mode, found.motion[0])
+    _, ahead = later.margins(mode, held, later.motions([mode], held), 0)
+    assert (np.array(ahead) - margins) / SOON == pytest.approx(along, rel=1e-3, abs=1e-4 * size)
 
 
 @pytest.mark.parametrize("name", CASES)

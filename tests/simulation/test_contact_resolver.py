@@ -8,12 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from contact_problems import sled
+from contact_walkers import frame
 from foot_impacts import foot_impact
 from numpy.typing import NDArray
 from paper_walkers import COMPASS, compass, compass_numbers, compass_system, wheel_numbers, wheel_system
 from samples import sampled
 
-from gaitopt import ImpactLaw, Mode
+from gaitopt import ImpactLaw, Mode, load_problem
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS
@@ -81,6 +82,29 @@ def test_at_the_edge_of_the_cone_the_rate_of_the_margin_decides() -> None:
         falling = float(rates[3 if f_t < 0 else 4]) < 0
         assert at_rest(p, z) is (Mode.slip(-f_t) if falling else Mode.STICK)
         assert falling == (mode is not Mode.STICK)
+
+
+@pytest.mark.parametrize(("time", "force", "rear"), [(0.5 - 2e-7, 8.0, "stick"), (1.5, 4.0, "slip_backward")])
+def test_at_an_extreme_of_the_force_on_the_edge_of_the_cone_the_curvature_decides(time: float, force: float, rear: str):
+    """A motor pushes the rear of a crawler with 6 N + 2 N sin(pi t); up to 0.5 s it still grows by 4e-13 N."""
+    control = {"type": "oscillating", "cycle": 2.0, "kp": 4.0, "kd": 0.0, "mean": {"drive": 2.0}}
+    control["amplitude"] = {"drive": 0.5}
+    friction = {"rear": {"static": force / 9.81, "kinetic": 0.9 * force / 9.81}, "front": 0.6}
+    problem = load_problem("crawler").replace({"walker.slope": 0.0, "control": control, "friction": friction})
+    resolver = ContactResolver(problem_dynamics(problem))
+    z = np.array([0.5 * (name == "gap") for name in resolver.system.state_names])
+    start, _ = resolver.start(z, anywhere=True)
+    mode = resolver.mode_at_rest(resolver.system.transitions.at_rest(start), time, z, 0)
+    assert mode is start.with_states({"rear": rear})
+
+
+def test_a_contact_that_comes_to_rest_stops_exactly_and_stays_on_the_ground() -> None:
+    case = frame(0.3, 0.5)
+    q, dq = np.array([0.2, 0.0, 0.0]), np.array([0.7, 0.0, 0.0])
+    dq[1:] = [4e-12, 0.0] - case.points["right"].velocity(q, dq)
+    resting = Mode.of_contacts({"left": "off", "right": "stick"})
+    rates = ContactResolver(case.dynamics(0.5)).settled(case.state(q, dq), stopped=resting)[3:]
+    assert case.points["right"].velocity(q, rates[[0, 2, 1]]) == pytest.approx([0, 0], abs=1e-15)
 
 
 def test_forces_that_are_not_finite_are_a_numerical_ending() -> None:

@@ -6,7 +6,14 @@ from named import named
 
 import gaitopt as go
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.verification.return_map import ReturnMap, extrapolated
+from gaitopt.verification.return_map import (
+    LARGEST_DEVIATION,
+    CycleOutcome,
+    FixedPoint,
+    ReturnMap,
+    directional_derivative,
+    extrapolated,
+)
 
 DIFFERENCE = 1e-7
 """Error of an extrapolated difference of walks, relative to the largest derivative."""
@@ -63,6 +70,33 @@ def test_the_wheel_has_the_derivatives_of_its_closed_form():
     assert r**2 * (rate**2 + rise) == pytest.approx(rate**2, rel=1e-10)
     by_slope = 2 * gain * (np.sin(alpha - slope) + np.sin(alpha + slope))
     assert b == pytest.approx(r**2 * by_slope / (2 * rate), rel=1e-9)
+
+
+@pytest.mark.parametrize("power", [1, 2])
+def test_extrapolation_removes_one_power_of_the_deviation_with_each_row(power):
+    tried = []
+
+    def quotient(h):
+        tried.append((h / LARGEST_DEVIATION) ** power)
+        return np.polyval([2.0, -5.0, 3.0, 1.0], tried[-1:])
+
+    limit, error = extrapolated(quotient, power=power, goal=1e-12)
+    assert limit == pytest.approx([1.0], abs=1e-12)
+    assert error < 1e-12
+    assert len(tried) == 5  # three powers; a fifth row confirms
+
+
+def test_a_map_whose_curvature_jumps_is_differentiated_from_one_side():
+    """x / 2 + 99 x^2 on one side of its fixed point 0, x / 2 - x^2 on the other: central differences err by 50 h."""
+
+    def returned(xi):
+        return CycleOutcome(xi=xi / 2 + np.where(xi > 0, 99.0, -1.0) * xi**2, steps=(), message="")
+
+    returned.unit, zero = np.ones(1), np.zeros(1)
+    point = FixedPoint(xi=zero, cycle=returned(zero), residual=0.0, accuracy=1e-15, jacobian=None, message="")
+    derivative, error, _ = directional_derivative(returned, point, np.ones(1), goal=1e-10, enough=1e-9)
+    assert derivative == pytest.approx([0.5], abs=1e-9)
+    assert error < 1e-9
 
 
 def test_a_key_that_is_no_parameter_is_named():
