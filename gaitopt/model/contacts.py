@@ -850,13 +850,10 @@ def _dependence(constraints: tuple[Constraint, ...], J: Array, drags: Array) -> 
     drags : see ``Structure``.
     """
     kept: list[int] = []
-    basis = np.zeros((0, J.shape[1]))
     for k, row in enumerate(J):
-        rest = row - basis.T @ (basis @ row)
-        rest = rest - basis.T @ (basis @ rest)
+        rest = row - np.linalg.lstsq(J[kept].T, row, rcond=None)[0] @ J[kept]
         if np.linalg.norm(rest) > LARGEST_REMAINDER * np.linalg.norm(row):
             kept.append(k)
-            basis = np.vstack([basis, rest / np.linalg.norm(rest)])
     dropped = [k for k in range(len(constraints)) if k not in kept]
     nulls = np.zeros((len(constraints), len(dropped)))
     for j, k in enumerate(dropped):

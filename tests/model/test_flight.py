@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from casadi import cos, pi, sin
+from casadi import cos, pi, sin, vertsplit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
@@ -65,6 +65,14 @@ def test_runner_returns_to_its_apex_as_a_spring_mass_model_does(rate: float, hei
     assert gait.multipliers == pytest.approx([slope], abs=1e-6)  # a central difference
     assert slope == pytest.approx(multiplier, abs=1e-3)
     assert gait.measures["required_friction"] == pytest.approx(1 / np.tan(attack), rel=1e-9)
+
+
+@pytest.mark.parametrize(("shortening", "foot"), [(0.1, (0.3, 0.0)), (-0.1, (0.3 + np.cos(1.2), 1.1 - np.sin(1.2)))])
+def test_the_leg_of_a_runner_is_drawn_on_its_foothold_and_in_flight_at_the_angle_of_attack(shortening, foot):
+    """Upright above 0.3 m: in flight, the next foot is one leg length ahead of the body, 1.2 rad below the ground."""
+    q, p = SimpleNamespace(theta=0.0, shortening=shortening, x=0.3, y=0.0), SimpleNamespace(leg_length=1.0, attack=1.2)
+    ((first, *_, last),) = SlipRunner.outline(q, p)
+    assert [*map(float, vertsplit(first)), *map(float, vertsplit(last))] == pytest.approx([*foot, 0.3, 1 - shortening])
 
 
 class LandingRunner(SlipRunner):
