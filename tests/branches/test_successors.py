@@ -8,7 +8,7 @@ import pytest
 
 import gaitopt as go
 from gaitopt import Cycle, Mode, ModeSequence
-from gaitopt.branches.change import simulated_gait, size_of, successors
+from gaitopt.branches.change import _ahead, simulated_gait, size_of, successors
 from gaitopt.branches.curve import CurvePoint, Metric, first_point
 from gaitopt.branches.monitors import MonitorValue
 from gaitopt.gait.trace import MonitorKey
@@ -82,6 +82,17 @@ def test_fixed_point_of_the_simulated_return_map_is_the_gait_and_keeps_its_direc
     assert ahead is not None
     assert ahead.value == pytest.approx(gait.dynamics.parameter(slope) - 1e-4, abs=1e-15)
     assert ahead.gait.state == pytest.approx(go.solve(gait.problem.replace({slope: ahead.value})).state, abs=1e-10)
+    assert _ahead(here, -1e-4) == pytest.approx(here.at_parameter(ahead.value).at.w, abs=1e-4)
+
+
+def test_the_simulated_return_map_shows_that_a_foot_slips_if_friction_falls_below_the_one_that_it_needs():
+    gait = go.solve("compass-passive-stick")
+    needed = gait.scalar("required_friction")
+    gait = go.solve(gait.problem.replace({"friction": needed + 1e-5}))
+    found = simulated_gait(first_point(gait, "friction", Metric.of(gait, 0.01), -1.0), -2e-5)
+    assert found is not None
+    assert found.value == pytest.approx(needed - 1e-5, abs=1e-15)
+    assert found.gait.cycle == Cycle.of_one_step((F, T), T)
 
 
 @pytest.mark.parametrize(("key", "unit"), [("control.hip", 10 * 9.8 * 1.6), ("friction", 1.0), ("walker.slope", 1.0)])

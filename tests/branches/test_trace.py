@@ -482,6 +482,19 @@ def test_a_point_past_an_event_is_near_if_its_parameters_and_its_state_are(aside
     assert CurveWalk._is_near(walk, here, there, 1e-3) is near
 
 
+@pytest.mark.parametrize("walks", [True, False])
+def test_a_gait_on_a_margin_holds_if_the_simulator_walks_those_beside_it_whose_margin_is_positive(walks, monkeypatch):
+    """A gait is a number here, the value of its margin."""
+
+    def simulated(gait):
+        return SimpleNamespace(passed=walks and gait > 0, to_record=dict)
+
+    beside = SimpleNamespace(step=lambda length: SimpleNamespace(gait=length, monitor=lambda key: length))
+    monkeypatch.setattr("gaitopt.branches.trace.confirm", simulated)
+    walk = SimpleNamespace(own="margin", _in_first=lambda gait: beside)
+    assert CurveWalk._simulated(walk, 0.0) == (walks, None if walks else {})
+
+
 def test_a_limit_of_points_leaves_the_curve_open_and_its_points_say_where_they_are():
     curve = trace(doubling(), SLOPE, radians(1.5), max_points=3, progress=False)
     (end,) = curve.specials

@@ -164,6 +164,13 @@ def test_the_impact_sticks_down_to_the_friction_that_it_needs(law: ImpactLaw) ->
             assert record.impulse[0] == 0
 
 
+def test_a_foot_pushes_off_without_a_slip_down_to_the_friction_of_the_angle_of_its_leg() -> None:
+    for factor, slips in ((1 + 1e-9, False), (1.0, False), (1 - 1e-9, True)):
+        problem = load_problem("compass-push-off").replace({"friction": float(np.tan(0.15)) * factor})
+        outcome = landed(problem_dynamics(problem), touchdown(0.15, 0.9, -0.3))
+        assert (isinstance(outcome, Termination) and outcome.ending is Ending.PUSH_SLIPS) == slips
+
+
 @pytest.mark.parametrize("friction", [0.05, 0.5, 4.099, 50.0])
 @pytest.mark.parametrize("law", list(ImpactLaw))
 def test_a_foot_that_comes_from_below_the_ground_has_no_impact(law: ImpactLaw, friction: float) -> None:

@@ -333,7 +333,8 @@ def test_a_sliding_rod_slides_lifts_off_or_ends_with_the_name_of_its_paradox(fri
         assert "tip slip_forward and flight" in outcome.message
     else:
         assert outcome.ending == Ending.PAINLEVE
-        assert "regularity is not positive: tip slip_forward -" in outcome.message
+        frictionless = 1 + length**2 * s**2 / inertia
+        assert f"regularity is not positive: tip slip_forward {p / frictionless:.4g}" in outcome.message
 
 
 @pytest.mark.parametrize("engine", ["scipy", "heyoka"])
