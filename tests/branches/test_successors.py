@@ -14,6 +14,7 @@ from gaitopt.branches.monitors import MonitorValue
 from gaitopt.gait.trace import MonitorKey
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.heel_toe import HeelToe
 
 TABLE = transitions(CompassBiped)
 T, F, B = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
@@ -67,6 +68,14 @@ def test_an_impact_that_slips_changes_the_step_that_follows_too_and_a_phase_is_e
     last = first(MonitorKey("impulse_cone_forward", step=1), (T,), (F, T))
     assert last == Cycle((ModeSequence((F, T), T), ModeSequence((F, T), F)))
     assert first(MonitorKey("duration", 2), (T, B), (F, T)) == Cycle((ModeSequence((T, B), T), ModeSequence((T,), T)))
+
+
+def test_a_landing_that_slips_changes_the_phase_that_follows_it() -> None:
+    cycle = go.load_problem("heel-toe-slip").cycle
+    key = MonitorKey("impulse_cone_forward.toe", 5)  # in the second of two steps of four phases
+    unchanged, slips = successors(transitions(HeelToe), Cycle(cycle.steps * 2), [(key, MonitorValue(0.0))])[0].steps
+    assert (unchanged,) == cycle.steps
+    assert str(Cycle((slips,))) == "heel slip_forward, heel stick, toe slip_forward, toe stick, toe slip_backward; heel stick"
 
 
 @pytest.mark.parametrize("name", ["compass-passive-a", "heel-toe"])

@@ -18,7 +18,7 @@ import gaitopt as go
 from gaitopt import Cycle, continuation, load_run, trace
 from gaitopt.branches.conditions import Eigenvalue, MarginZero, Pair
 from gaitopt.branches.curve import Curve, Metric
-from gaitopt.branches.monitors import monitor_values
+from gaitopt.branches.monitors import MonitorValue, monitor_values
 from gaitopt.branches.normal_forms import local_map
 from gaitopt.branches.trace import CurveWalk, follow_curve, traced_start
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
@@ -480,6 +480,15 @@ def test_a_point_past_an_event_is_near_if_its_parameters_and_its_state_are(aside
         for change, moved in ((0.0, 0.0), aside)
     )
     assert CurveWalk._is_near(walk, here, there, 1e-3) is near
+
+
+def test_a_monitor_is_lost_on_a_curve_unless_it_is_zero_along_it():
+    """Values before and after a step: below 1e-8 they are rounding, unless they fall below -1e-6."""
+    steps = {"own": (1e-3, -1e-3), "large": (1e-3, -1e-9), "low": (1e-7, -1e-9), "zero": (1e-9, -1e-9)}
+    steps["falls"] = (1e-9, -1e-5)
+    before = SimpleNamespace(monitors={key: MonitorValue(value) for key, (value, _) in steps.items()})
+    after = SimpleNamespace(monitors=steps, monitor=lambda key: steps[key][1], lost=lambda point: [*steps])
+    assert CurveWalk._lost(SimpleNamespace(own="own"), before, after) == ["large", "low", "falls"]
 
 
 @pytest.mark.parametrize("walks", [True, False])

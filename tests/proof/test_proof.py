@@ -8,7 +8,7 @@ from operator import neg
 
 import pytest
 from certificates import certificate_of, failed, failures, gait, negated, proof, refusals, restored, reworded
-from flint import arb, arb_mat, ctx
+from flint import acb, arb, arb_mat, ctx
 
 from gaitopt import check_proof, load_problem, parse_problem, prove, simulate, solve
 from gaitopt.errors import StorageError, UnknownNameError
@@ -17,7 +17,7 @@ from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.problem.writing import ExactValues, write_problem
 from gaitopt.proof import claims, orbit
 from gaitopt.proof.arithmetic import PRECISION, NotProved, ball
-from gaitopt.proof.check import check, check_box, connection_claim
+from gaitopt.proof.check import Proof, check, check_box, connection_claim
 from gaitopt.proof.prove import prove_special
 from gaitopt.proof.statement import restore_box
 from gaitopt.proof.taylor import VectorField
@@ -248,6 +248,14 @@ def without_weight(graph):
         return lambda y: [[-value if k == place else value for k, value in enumerate(v)] for v in graph(self)(y)]
 
     return property(margins)
+
+
+@pytest.mark.parametrize(
+    ("multipliers", "stable"),
+    [((0.9, -0.1), True), ((acb(0, 1.1), 0.9), False), ((arb(-1, 0.1), 0.1), None), ((), None)],
+)
+def test_bounds_of_the_multipliers_decide_whether_a_gait_is_stable(multipliers, stable):
+    assert Proof(problem="", claims=(), certificate={}, multipliers=tuple(map(acb, multipliers))).stable is stable
 
 
 @pytest.mark.parametrize("mutation", MUTATIONS)
