@@ -44,13 +44,12 @@ class ClearCases:
         self._normal_force, self._cone = stuck.index("normal_force"), [stuck.index(name) for name in CONE.values()]
         self._painleve = slips.index("painleve") if self._has_mass else 0
 
-    def at_rest(self, stuck: Any, rates: Any, slips: Sequence[Any]) -> tuple[list[Any], Any]:
-        """Whether each mode is consistent with the forces on a foot at rest, and whether the decision is clear.
+    def sticks(self, stuck: Any, rates: Any) -> tuple[Any, Any]:
+        """Whether a foot at rest sticks, and whether rounding cannot change this; if it does not, it slips or leaves.
 
         Parameters
         ----------
         stuck, rates : margins in natural units, and their rates, while the foot sticks.
-        slips : margins of every slip that begins from rest; empty for a massless foot.
         """
         sticks, clear = True, True
         for k in (self._normal_force, *self._cone):
@@ -58,6 +57,17 @@ class ClearCases:
             rises = (abs(stuck[k]) <= EDGE) & (rates[k] > STEEP)
             sticks = sticks & ((stuck[k] > EDGE) | rises)
             clear = clear & ((abs(stuck[k]) > EDGE + INSTANT * abs(rates[k])) | rises)
+        return sticks, clear
+
+    def at_rest(self, stuck: Any, rates: Any, slips: Sequence[Any]) -> tuple[list[Any], Any]:
+        """Whether each mode is consistent with the forces on a foot at rest, and whether the decision is clear.
+
+        Parameters
+        ----------
+        stuck, rates : see ``sticks``.
+        slips : margins of every slip that begins from rest; empty for a massless foot.
+        """
+        sticks, clear = self.sticks(stuck, rates)
         possible: list[Any] = [sticks]
         for k, slip in zip(self._cone, slips, strict=False):
             possible.append((stuck[k] < -EDGE) & (slip[self._normal_force] > 0))

@@ -262,10 +262,13 @@ class ContactResolver:
     def mode_at_rest(self, candidates: tuple[Mode, ...], t: float, z: Array, segment: int) -> Mode | Termination:
         """The one of ``candidates`` that is consistent with the forces at time ``t`` in state ``z``."""
         if self.clear is not None and candidates[0].sticks:
-            ground = grounded(candidates)
-            point, slips = self._natural.rest(
-                ground[0], ground[1:], segment, t / self._natural.time, z / self._natural.state
-            )
+            ground, at = grounded(candidates), (segment, t / self._natural.time, z / self._natural.state)
+            point = self._natural.point(ground[0], *at)
+            if all(
+                self.clear.sticks(point.margins, point.rates)
+            ):  # a walk that never slips needs no functions of slips
+                return ground[0]
+            point, slips = self._natural.rest(ground[0], ground[1:], *at)
             possible, clear = self.clear.at_rest(point.margins, point.rates, slips)
             if clear:
                 return ground[possible.index(True)]

@@ -11,8 +11,10 @@ A. Waechter, L. T. Biegler (2006), On the implementation of an interior-point fi
 large-scale nonlinear programming, Mathematical Programming 106.
 """
 
+import os
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +36,8 @@ MAX_ITERATIONS = IPOPT_ITERATIONS
 """Largest number of iterations of IPOPT for a design."""
 SECANT_PAIRS = 40
 """Number of secant pairs: twice as many as there are free directions in a large design."""
+THREADS = "OPENBLAS_NUM_THREADS"
+"""The variable from which OpenBLAS reads its number of threads."""
 COMMON_OPTIONS: dict[str, Any] = {"print_level": 0, "sb": "yes", "acceptable_iter": 0}
 SECANT_OPTIONS: dict[str, Any] = {
     "constr_viol_tol": TOLERANCE,
@@ -281,20 +285,21 @@ class Ipopt:
         self._program, self._exact = program, exact
         self._watch = _Watch(w.numel(), g.numel(), nlp["p"].numel())
         FREED_SOLVERS.free()
-        solver = nlpsol(
-            "gait",
-            "ipopt",
-            nlp,
-            {
-                "print_time": False,
-                "show_eval_warnings": False,  # IPOPT deals with points where the motion does not exist
-                "iteration_callback": self._watch,
-                "error_on_fail": False,
-                "calc_lam_p": False,
-                "ipopt": COMMON_OPTIONS | ({} if exact else SECANT_OPTIONS) | options,
-                **plugin_options,
-            },
-        )
+        with _one_thread():
+            solver = nlpsol(
+                "gait",
+                "ipopt",
+                nlp,
+                {
+                    "print_time": False,
+                    "show_eval_warnings": False,  # IPOPT deals with points where the motion does not exist
+                    "iteration_callback": self._watch,
+                    "error_on_fail": False,
+                    "calc_lam_p": False,
+                    "ipopt": COMMON_OPTIONS | ({} if exact else SECANT_OPTIONS) | options,
+                    **plugin_options,
+                },
+            )
         self._solver = FREED_SOLVERS.watch(solver)
 
     def solve(
@@ -348,6 +353,22 @@ class Ipopt:
             rows=np.asarray(end["g"]).ravel() * g_unit,
             progress=float(np.ptp(objectives)) if objectives else 0.0,
         )
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let OpenBLAS have one thread when it is loaded, with the first solver, unless the environment states a number.
+
+    One thread per core, which all wait actively, would cost a tenth of a second and be of no use to matrices this small.
+    Results of one thread do not depend on the number of cores.
+    """
+    stated = THREADS in os.environ
+    os.environ.setdefault(THREADS, "1")
+    try:
+        yield
+    finally:
+        if not stated:
+            del os.environ[THREADS]
 
 
 def _entries(blocks: Sequence[Block], name: str) -> Array:
