@@ -22,6 +22,8 @@ from timing import Row
 INTERVALS, DEGREE = 20, 5
 STEP, SPEEDS, FRICTION, BENT, G = 0.4, (0.8, 0.79), 0.6, 0.05, 9.81
 ROUNDS = 2
+SETTLED = 0.5
+"""Time after the imports until the threads of NumPy's OpenBLAS have ceased to wait actively, which is no work [s]."""
 QUIET = {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 1000}
 SWAPPED = [0, 3, 4, 1, 2]
 AFTER = np.array([0.05, -0.35, -0.15, 0.1, 0.4])
@@ -219,6 +221,7 @@ def rows() -> list[Row]:
 if __name__ == "__main__":
     for module in MODULES[sys.argv[1]]:
         import_module(module)
+    time.sleep(SETTLED)
     began, results = time.process_time(), []
     solver = WAYS[sys.argv[1]]()
     for speed in SPEEDS:

@@ -266,7 +266,7 @@ class ContactResolver:
             point = self._natural.point(ground[0], *at)
             if all(
                 self.clear.sticks(point.margins, point.rates)
-            ):  # a walk that never slips needs no functions of slips
+            ):  # without functions of slips, which are slow to build
                 return ground[0]
             point, slips = self._natural.rest(ground[0], ground[1:], *at)
             possible, clear = self.clear.at_rest(point.margins, point.rates, slips)

@@ -359,8 +359,8 @@ class Ipopt:
 def _one_thread() -> Iterator[None]:
     """Let OpenBLAS have one thread when it is loaded, with the first solver, unless the environment states a number.
 
-    One thread per core, which all wait actively, would cost a tenth of a second and be of no use to matrices this small.
-    Results of one thread do not depend on the number of cores.
+    Matrices this small have no use for one thread per core, which all wait actively for a tenth of a second. With one
+    thread the results do not depend on the number of cores.
     """
     stated = THREADS in os.environ
     os.environ.setdefault(THREADS, "1")
