@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice, pairwise
 from math import cos, radians, sin
@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 
 import gaitopt as go
 from gaitopt import Cycle, continuation, load_run, trace
+from gaitopt.api.stored import load_curve_start
 from gaitopt.branches.conditions import Eigenvalue, MarginZero, Pair
 from gaitopt.branches.curve import Curve, Metric
 from gaitopt.branches.monitors import MonitorValue, monitor_values
@@ -521,13 +522,40 @@ def test_a_bound_of_the_first_parameter_ends_the_curve_there():
     assert end.values["friction"] == pytest.approx(0.1445, rel=0, abs=1e-12)
 
 
-def test_the_gait_of_a_curve_that_begins_with_another_cycle_is_read_back():
+def where_a_margin_meets_a_doubling():
+    """A special point at which two curves of a margin begin, that of a cycle and that of twice as many steps."""
     gait, doubled = named("compass-passive-a"), named("compass-passive-two-step")
     values = {"friction": gait.problem.parameters["friction"], SLOPE: gait.problem.parameters[SLOPE]}
-    margin = ("normal_force", 0, 0)
+    margin = MonitorKey("normal_force", 0, 0)
     starts = [CurveStart(type="margin", parameter="friction", gait=each, margin=margin) for each in (gait, doubled)]
-    place = {"curve": 0, "type": "margin_period_doubling", "values": values, "codimension": 2, "status": "converged"}
-    point = TraceSpecial(**place, next=(*starts,), gait=gait)
+    at = {"curve": 0, "type": "margin_period_doubling", "values": values, "codimension": 2, "status": "converged"}
+    return TraceSpecial(**at, next=(*starts,), gait=gait), values
+
+
+def test_each_curve_that_begins_at_a_special_point_of_a_trace_has_a_number(monkeypatch):
+    point, _ = where_a_margin_meets_a_doubling()
+    end = replace(point, type="end", next=())
+    assert repr(point).startswith("<TraceSpecial margin_period_doubling at friction = 0.14")
+    monkeypatch.setattr("gaitopt.runs.results.kind_of", lambda _: "trace")
+    monkeypatch.setattr("gaitopt.runs.trace.restore_trace", lambda _: SimpleNamespace(specials=[point, end]))
+    numbered = [load_curve_start(f"run@special.0{n}") for n in ("", ".0", ".1")]
+    assert [len(start.gait.steps) for start in numbered] == [1, 1, 2]
+    for address, error, words in (
+        (
+            "run@special.0.2",
+            UnknownNameError,
+            r"no curve '2': the curves that begin there are 0 to 1 \(margin normal_force",
+        ),
+        ("run@special.2", UnknownNameError, "no special point '2': those of its trace are 0 to 1"),
+        ("run@special.1", ProblemError, "no other curve begins at a special point of type end"),
+    ):
+        with pytest.raises(error, match=words):
+            load_curve_start(address)
+
+
+def test_the_gait_of_a_curve_that_begins_with_another_cycle_is_read_back():
+    (point, values), doubled = where_a_margin_meets_a_doubling(), named("compass-passive-two-step")
+    gait = point.gait
     record = json.loads(json.dumps(point.to_record()))
     assert ["gait" in start for start in record["next"]] == [False, True]
     record["next"][1]["gait"]["parameters"] = {key: doubled.problem.parameters[key] for key in values}

@@ -81,8 +81,7 @@ def test_cycles_of_two_steps_control_laws_springs_and_round_feet_are_replayed(na
     assert fine.sequence_matches
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["crawler", "inchworm"])
+@pytest.mark.parametrize("name", ["crawler", pytest.param("inchworm", marks=pytest.mark.slow)])
 def test_walkers_with_several_contacts_and_a_clock_are_replayed(name):
     """Both contacts are compared, each with friction of its own.
 
