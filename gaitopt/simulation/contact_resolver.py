@@ -147,6 +147,7 @@ class ContactResolver:
     Parameters
     ----------
     dynamics : the walker under its control law, at its parameters.
+    natural : the same in natural units, if the integrator has it.
 
     Attributes
     ----------
@@ -154,7 +155,7 @@ class ContactResolver:
     clear : the decisions of clear cases if the table has the margin ``painleve``; otherwise None.
     """
 
-    def __init__(self, dynamics: Dynamics) -> None:
+    def __init__(self, dynamics: Dynamics, natural: NaturalDynamics | None = None) -> None:
         self._dynamics, self.system = dynamics, dynamics.system
         walker, scales = dynamics.system.walker, dynamics.scales
         self._speed, self._impulse = scales.speed, scales.impulse
@@ -166,7 +167,7 @@ class ContactResolver:
         self._frictionless = dynamics.system.law is ImpactLaw.FRICTIONLESS
         self._forces = ContactForces(dynamics)
         self._points = Buffers(dynamics.system.contact_points)
-        self._natural = NaturalDynamics(dynamics)
+        self._natural = natural or NaturalDynamics(dynamics)
         self.clear = ClearCases(dynamics) if dynamics.system.transitions.unique == "painleve" else None
         self._pushes: dict[Mode, Buffers] = {}
         self._impacts: dict[tuple[Mode, tuple[Mode, ...]], Buffers] = {}

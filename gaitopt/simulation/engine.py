@@ -84,10 +84,14 @@ class Stepper(ABC):
     Parameters
     ----------
     dynamics : the walker under its control law, at its parameters.
+
+    Attributes
+    ----------
+    natural : the same in natural units.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
-        self._natural = NaturalDynamics(dynamics)
+        self.natural = NaturalDynamics(dynamics)
 
     @np.errstate(all="ignore")  # the engine detects motions that diverge
     def advance(self, mode: Mode, segment: int, time: float, state: Array, limit: float) -> Arrival:
@@ -100,7 +104,7 @@ class Stepper(ABC):
         time, limit : times since the last impact [s].
         state : ndarray, shape (n_z,) - state at ``time``.
         """
-        natural = self._natural
+        natural = self.natural
         start = natural.point(mode, segment, time / natural.time, state / natural.state)
 
         def rates_ahead() -> list[float]:
@@ -130,18 +134,18 @@ class Stepper(ABC):
 
     def sample(self, mode: Mode, segment: int, state: Array, times: Array) -> Array:
         """States at ascending ``times`` of an arc that starts with ``state`` at the first time; shape (m, n_z)."""
-        natural = self._natural
+        natural = self.natural
         states = self.states_at(mode, segment, state / natural.state, times / natural.time) * natural.state
         states[0] = state
         return states
 
     def sample_arc(self, mode: Mode, segment: int, state: Array, start: float, end: float) -> tuple[Array, Array]:
         """Times (m,) and states (m, n_z) at Chebyshev points that resolve the arc that starts with ``state``."""
-        for count in curves.COUNTS if end - start > STRAIGHT * self._natural.time else (2,):
+        for count in curves.COUNTS if end - start > STRAIGHT * self.natural.time else (2,):
             times = start + (end - start) * (curves.points(count) + 1) / 2
             times[-1] = end
             states = self.sample(mode, segment, state, times)
-            if count > 2 and curves.tail(states / self._natural.state) < curves.RESOLVED:
+            if count > 2 and curves.tail(states / self.natural.state) < curves.RESOLVED:
                 break
         return times, states
 
@@ -157,14 +161,14 @@ class Stepper(ABC):
         times : ndarray, shape (2,) - start and end of the arc [s].
         changes : ndarray, shape (n_u, m) - of the parameters that feedback from step to step corrects; zero by default.
         """
-        unit, correction = self._natural.state, self._natural.system.correction
+        unit, correction = self.natural.state, self.natural.system.correction
         n_u, m = 0 if correction is None else len(correction.entries), deviations.shape[1]
         changes = np.zeros((n_u, m)) if changes is None else changes
         scaled = deviations / unit[:, None]
         sizes = np.abs(np.vstack([scaled, changes])).max(axis=0)  # every column is scaled to size one
         sizes[sizes == 0] = 1.0
         y = np.concatenate([state / unit, (scaled / sizes).ravel(order="F"), (changes / sizes).ravel(order="F")])
-        start, end = (times / self._natural.time).tolist()
+        start, end = (times / self.natural.time).tolist()
         y = self.propagate(mode, segment, y, m, start, end)[unit.size : unit.size * (1 + m)]
         return np.asarray(y.reshape((unit.size, -1), order="F") * sizes * unit[:, None])
 

@@ -35,7 +35,7 @@ class HeyokaStepper(Stepper):
 
     def find_event(self, mode: Mode, segment: int, start: Point, limit: float) -> tuple[str | None, float, Array, str]:
         """First event after ``start``; see ``Stepper``."""
-        natural, names = self._natural, self._natural.system.transitions.margin_names(mode)
+        natural, names = self.natural, self.natural.system.transitions.margin_names(mode)
         taylor = self._loaded("arc", mode, segment, start.time, start.state)
         lifts = list(_smallest_lifts(names))
         for k, margin in enumerate(start.margins):
@@ -82,7 +82,7 @@ class HeyokaStepper(Stepper):
 
     def _loaded(self, kind: str, mode: Mode, segment: int, time: float, state: Array, columns: int = 0) -> Any:
         """The integrator of this kind with its parameters, time and state set."""
-        natural, key = self._natural, (kind, mode, columns)
+        natural, key = self.natural, (kind, mode, columns)
         if key not in self._integrators:
             if kind == "arc":
                 compiled = integrator(natural.functions.arc(mode), precision=self._precision)

@@ -132,7 +132,8 @@ class NaturalSystem:
 class NaturalDynamics:
     """A hybrid system at fixed parameters in natural units.
 
-    It evaluates points of motions in its own memory, so that only one thread at a time can use it.
+    It evaluates points of motions in its own memory, so that only one thread at a time can use it. It keeps the latest
+    point, whose state must not be changed.
 
     Parameters
     ----------
@@ -152,6 +153,7 @@ class NaturalDynamics:
         self.time, self.speed, self.state = scales.time, scales.speed, dynamics.state_units
         self._points: dict[Mode, Buffers] = {}
         self._rests: dict[Mode, Buffers] = {}
+        self._latest: tuple[tuple[Mode, int] | None, Point] = None, Point(0.0, np.zeros(0), np.zeros(0), (), ())
 
     @cached_method
     def margins(self, mode: Mode) -> Array:
@@ -166,11 +168,19 @@ class NaturalDynamics:
 
     def point(self, mode: Mode, segment: int, tau: float, zeta: Array) -> Point:
         """The point of a motion in a mode, on a segment of the control."""
+        known, latest = self._latest
+        if known == (mode, segment) and latest.time == tau and np.array_equal(latest.state, zeta):
+            return latest
         if mode not in self._points:
             self._points[mode] = function = Buffers(self.functions.point(mode))
             function.inputs[2][:] = self.parameters(mode)
         flow, margins, rates = self._evaluate(self._points[mode], segment, tau, zeta)
-        return Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist())
+        return self.keep(mode, segment, Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist()))
+
+    def keep(self, mode: Mode, segment: int, point: Point) -> Point:
+        """Keep the latest point: the end of an arc, the decision about contacts and the next arc ask for the same one."""
+        self._latest = (mode, segment), point
+        return point
 
     def rest(
         self, mode: Mode, slips: Sequence[Mode], segment: int, tau: float, zeta: Array

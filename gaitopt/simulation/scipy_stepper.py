@@ -50,7 +50,7 @@ class ScipyStepper(Stepper):
         """First event after ``start``; see ``Stepper``."""
         if not np.isfinite(start.flow).all():
             return None, start.time, start.state, NOT_FINITE
-        step, names = self._step(mode, segment), self._natural.system.transitions.margin_names(mode)
+        step, names = self._step(mode, segment), self.natural.system.transitions.margin_names(mode)
         armed = [is_armed(name, margin) for name, margin in zip(names, start.margins, strict=True)]
         before, last = start, (start.time, start.state)
         rests = [k for k, name in enumerate(names) if rests_at_edge(name, start.margins[k], start.rates[k])]
@@ -63,6 +63,7 @@ class ScipyStepper(Stepper):
                 if event is not None:
                     return (*event, "")
                 if integration.finished:
+                    self.natural.keep(mode, segment, after)
                     return None, after.time, after.state, ""
                 armed = [was or margin > EDGE for was, margin in zip(armed, after.margins, strict=True)]
                 margins, rates, flags = step.compared
@@ -85,7 +86,7 @@ class ScipyStepper(Stepper):
     def states_at(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
         """States at ascending times; see ``Stepper``."""
         step, (first, *others) = self._step(mode, segment), taus.tolist()
-        point = self._natural.point(mode, segment, first, zeta)
+        point = self.natural.point(mode, segment, first, zeta)
         states = [zeta]
         for tau in others:
             point = _integrate(step, point, tau)
@@ -95,13 +96,13 @@ class ScipyStepper(Stepper):
     def propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
         """State and deviations at ``end``; see ``Stepper``."""
         if (mode, columns) not in self._variations:
-            function = self._natural.functions.variational(mode, columns)
-            corrected = self._natural.system.correction is not None
+            function = self.natural.functions.variational(mode, columns)
+            corrected = self.natural.system.correction is not None
             rtol, atol = CORRECTED_TOLERANCES if corrected else (RTOL, VARIATIONAL_ATOL)
             step = CompiledStep(function, function, rtol=rtol, atol=atol)
             self._variations[mode, columns] = step, Buffers(function)
         step, rate = self._variations[mode, columns]
-        p, data = self._natural.parameters(mode), self._natural.system.data(segment)
+        p, data = self.natural.parameters(mode), self.natural.system.data(segment)
         step.load(p, data)
         (f,) = rate(start, y, p, data)
         integration = Integration(step, start, y, f.copy(), end, min(FIRST_STEP, end - start))
@@ -111,7 +112,7 @@ class ScipyStepper(Stepper):
 
     def _step(self, mode: Mode, segment: int) -> CompiledStep:
         """The integration step of a mode on a segment of the control."""
-        natural = self._natural
+        natural = self.natural
         if mode not in self._steps:
             watch = _watch(len(natural.system.transitions.of(mode)))
             rtol, atol = self._tolerances

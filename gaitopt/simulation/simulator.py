@@ -118,7 +118,8 @@ class Simulator:
         self.dynamics, self.system = dynamics, dynamics.system
         self.stepper = stepper(dynamics)
         self._make_stepper, self._max_switches, self._longest_step = stepper, max_switches, longest_step
-        self._ends, self._resolver = segment_ends(dynamics, longest_step=longest_step), ContactResolver(dynamics)
+        self._ends = segment_ends(dynamics, longest_step=longest_step)
+        self._resolver = ContactResolver(dynamics, self.stepper.natural)
         self._ground = None if floor is None else Ground(dynamics, floor)
         self._on_tiles: dict[bytes, Simulator] = {}
 
