@@ -178,7 +178,7 @@ class NaturalDynamics:
         return self.keep(mode, segment, Point(tau, zeta, flow.copy(), margins.tolist(), rates.tolist()))
 
     def keep(self, mode: Mode, segment: int, point: Point) -> Point:
-        """Keep the latest point: the end of an arc, the decision about contacts and the next arc ask for the same one."""
+        """Keep the latest point: the end of an arc, the decision about contacts and the next arc ask for the same."""
         self._latest = (mode, segment), point
         return point
 
