@@ -1,5 +1,10 @@
 """A small nonlinear program with a known optimum: blocks and bounds, sizes, multipliers, and requests to stop."""
 
+import json
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from casadi import MX, sumsqr, vertcat
@@ -56,3 +61,26 @@ def test_progress_reports_the_violation_of_the_rows_and_a_request_stops_it():
     assert end.status is Status.INTERRUPTED
     assert [iteration for iteration, _ in seen] == [0, 1, 2]
     assert seen[0][1] == pytest.approx(3.0)
+
+
+THREADS = """
+import json, os
+import gaitopt as go
+import numpy  # with threads of its own
+def count():
+    return len(os.listdir("/proc/self/task"))
+before = count()
+go.solve("rimless-wheel-slip", method="ipopt", progress=False)
+print(json.dumps([count() - before, os.environ.get("OPENBLAS_NUM_THREADS")]))
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="counts threads in /proc")
+@pytest.mark.parametrize(("stated", "more"), [(None, 0), ("2", 1)])
+def test_the_linear_algebra_of_ipopt_has_one_thread_unless_the_environment_states_more(stated, more):
+    environment = {key: value for key, value in os.environ.items() if key != "OPENBLAS_NUM_THREADS"}
+    environment |= {} if stated is None else {"OPENBLAS_NUM_THREADS": stated}
+    done = subprocess.run([sys.executable, "-c", THREADS], env=environment, capture_output=True, check=True, text=True)
+    threads, left = json.loads(done.stdout)
+    assert left == stated
+    assert threads == min(more, (os.cpu_count() or 1) - 1)
