@@ -160,11 +160,11 @@ def test_a_file_that_cannot_be_written_is_refused_before_a_movie_is_drawn(tmp_pa
     (tmp_path / "folder.gif").mkdir()
     (tmp_path / "file").write_text("")
     for number in range(30):
-        (tmp_path / "folder.gif" / str(number)).touch()
+        (tmp_path / "folder.gif" / f"frame-{number}").touch()
     monkeypatch.setattr(movie, "_frames", None)
     with pytest.raises(StorageError, match=words) as caught:
         named(WHEEL).animate().save(tmp_path / name)
-    assert "29" not in str(caught.value)
+    assert "frame-29" not in str(caught.value)
 
 
 def test_a_walk_is_drawn_as_six_outlined_postures_that_stand_on_the_ground():
