@@ -150,7 +150,7 @@ def read_section(model: type[Model], data: object, path: Key, faults: list[Fault
     try:
         section = model.model_validate(dict(data))
     except ValidationError as error:
-        found = [Fault((*path, *item["loc"]), _message(item, model, data)) for item in error.errors()]
+        found = _reported(error, model, data, path)
         known = {fault.path for fault in found}
         faults += [*found, *(fault for fault in converted if fault.path not in known)]
         return None
@@ -164,7 +164,7 @@ def read_value(form: TypeAdapter[Value], value: object, path: Key, faults: list[
         return form.validate_python(value)
     except ValidationError as error:
         (model,) = nested_models(form._type) or (BaseModel,)
-        faults += [Fault((*path, *item["loc"]), _message(item, model, value)) for item in error.errors()]
+        faults += _reported(error, model, value, path)
         return None
 
 
@@ -257,6 +257,14 @@ def nearest_keys(key: str, known: Sequence[str]) -> str:
     return f"; did you mean {' or '.join(near)}?" if near else f"; use {', '.join(known)}"
 
 
+def _reported(error: ValidationError, model: type[BaseModel], data: object, path: Key) -> list[Fault]:
+    """The errors of pydantic as faults. A list with wrong entries, which pydantic does not count, is not too short."""
+    items = error.errors()
+    around = {item["loc"][:k] for item in items for k in range(len(item["loc"]))}
+    reported = (item for item in items if item["type"] != "too_short" or item["loc"] not in around)
+    return [Fault((*path, *item["loc"]), _message(item, model, data)) for item in reported]
+
+
 def _message(item: ErrorDetails, model: type[BaseModel], data: object) -> str:
     """The message for an error that pydantic reports about ``data``, in the terms of the problem file."""
     kind, value, limits = item["type"], item.get("input"), item.get("ctx", {})
@@ -282,7 +290,7 @@ def _message(item: ErrorDetails, model: type[BaseModel], data: object) -> str:
             exact = shortest[0] if shortest else limits.get("max_length", limits.get("min_length"))
             needed = f"{exact:g}"
         else:
-            needed = f"at most {longest[0]:g}" if longest else f"at least {shortest[0]:g}"
+            needed = f"at least {shortest[0]:g}" if kind == "too_short" else f"at most {longest[0]:g}"
         return f"has {counted(limits['actual_length'], 'entry', 'entries')}, must have {needed}{meaning}"
     if kind == "value_error":
         return f"{limits['error']}{'' if isinstance(value, Mapping) else f'; not {shown(value)}'}"
@@ -309,7 +317,8 @@ def _innermost(
     """The innermost model to which a key of a path in ``data`` belongs, and the field of that key."""
     field, kinds = None, [model]
     for key in keys:
-        if kinds := [Free] if is_free(data) else kinds:
+        kinds = [Free] if is_free(data) else kinds
+        if kinds and isinstance(key, str):  # an entry of a list belongs to the field of the list
             model = _named_kind(kinds, str(key), data)
             field = model.model_fields.get(str(key))
             kinds = nested_models(field) if field else []
@@ -336,7 +345,7 @@ def nested_models(field: Any) -> list[type[BaseModel]]:
     types = get_args(annotation)
     if get_origin(annotation) is Annotated:
         return nested_models(types[0])
-    if get_origin(annotation) in (Union, UnionType):
+    if get_origin(annotation) in (Union, UnionType, tuple):
         return [model for each in types for model in nested_models(each)]
     return [annotation] if isinstance(annotation, type) and not types and issubclass(annotation, BaseModel) else []
 

@@ -231,17 +231,19 @@ class GaitReader(SectionReader):
         is_step, alone = is_open or "steps" not in data, bool(model.base_contact())
         stated, step_ends = [data] if is_step else data["steps"], {*model.step_ends()}
         ends_in_landing = bool(step_ends) and data.get("section", TOUCHDOWN) == TOUCHDOWN
-        steps, landings = list[dict[str, Any]](), list[tuple[tuple[int, Mode], ...]]()
-        for number, step in enumerate(stated if isinstance(stated, list | tuple) else ()):
+        if not isinstance(stated, list | tuple):
+            return dict(data), []  # the section of the gait reports it, as it does wrong steps
+        steps, landings = list[Any](), list[tuple[tuple[int, Mode], ...]]()
+        for number, step in enumerate(stated):
             step_path: Key = ("gait",) if is_step else ("gait", "steps", number)
-            if not isinstance(step, Mapping):
-                return dict(data), []  # the section of the gait reports it
-            final = step.get("impact")
+            final = step.get("impact") if isinstance(step, Mapping) else None
             if final is not None:
                 final = self._mode(model, final, (*step_path, "impact"), after_impact=is_open or ends_in_landing)
                 step = {**step, "impact": final}
-            if not isinstance(step.get("phases"), list | tuple):
-                return {**data, **step} if is_step else dict(data), []
+            if not isinstance(step, Mapping) or not isinstance(step.get("phases"), list | tuple):
+                steps.append(step)
+                landings.append(())
+                continue
             modes, struck = list[Mode](), list[tuple[int, Mode]]()
             for k, phase in enumerate(step["phases"]):
                 entry, path = dict(phase) if isinstance(phase, Mapping) else phase, (*step_path, "phases", k)

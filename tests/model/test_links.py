@@ -143,6 +143,23 @@ def test_links_that_contradict_the_mechanism_are_refused(changes: dict[str, Any]
     assert re.fullmatch(words, str(refusal.value))
 
 
+def test_links_and_a_mechanism_that_is_written_in_another_way_agree() -> None:
+    class Restated(CompassBiped):
+        model = "restated"
+
+        @classmethod
+        def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+            mechanism = CompassBiped.mechanism(q, p)
+            thirds = [replace(body, position=body.position / 3 + 2 * body.position / 3) for body in mechanism.bodies]
+            return replace(mechanism, bodies=tuple(thirds))
+
+        @classmethod
+        def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
+            return super().links(q, p)
+
+    check_walker(Restated, dict(go.load_problem("compass-passive-a").walker))
+
+
 def test_a_class_that_redefines_the_mechanism_alone_has_no_links() -> None:
     class Changed(CompassBiped):
         model = "changed"

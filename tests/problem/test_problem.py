@@ -153,6 +153,23 @@ def test_a_wrong_override_is_reported_under_its_key(overrides, message):
     assert error_of(load_problem("compass-passive-a"), overrides).startswith(message)
 
 
+@pytest.mark.parametrize(
+    ("steps", "message"),
+    [
+        (3, "3 is not a list (phases and impact of each step in order)"),
+        ([], "has 0 entries, must have at least 1 (phases and impact of each step in order)"),
+        ([3], "gait.steps[0]: 3 is not a mapping; keys: phases, impact"),
+        ([{"phases": 3, "impact": "stick"}], "gait.steps[0].phases: 3 is not a list (modes of the phases in order)"),
+        (
+            [{"phases": ["stick"], "impact": "stick", "guess": 1}, {"phases": ["stick"], "impact": "stick"}],
+            "gait.steps[0].guess: unknown key; allowed: phases, impact",
+        ),
+    ],
+)
+def test_a_mistake_in_one_step_is_the_only_one_that_is_reported(steps, message):
+    assert error_of(load_problem("compass-passive-two-step"), {"gait.steps": steps}) == f"gait.steps: {message}"
+
+
 def test_the_digest_covers_everything_but_the_text_about():
     problem = load_problem("compass-pd-impact-slip")
     assert problem.hash8 == problem.digest[:8]
