@@ -317,7 +317,8 @@ def _innermost(
     """The innermost model to which a key of a path in ``data`` belongs, and the field of that key."""
     field, kinds = None, [model]
     for key in keys:
-        kinds = [Free] if is_free(data) else kinds
+        if is_free(data) and all(issubclass(kind, Free) for kind in kinds):
+            kinds = [Free]
         if kinds and isinstance(key, str):  # an entry of a list belongs to the field of the list
             model = _named_kind(kinds, str(key), data)
             field = model.model_fields.get(str(key))
@@ -362,6 +363,7 @@ _REQUIREMENTS: Mapping[str, Any] = {
     "float_parsing": "is not a number",
     "int_type": "is not an integer",
     "int_parsing": "is not an integer",
+    "is_instance_of": "is not a mode",
     "string_type": "is not a text",
     "list_type": "is not a list",
     "tuple_type": "is not a list",

@@ -146,6 +146,11 @@ def test_the_slip_velocity_goes_with_the_slipping_impact():
         ({"gait.guess.state.theta1": "x"}, "gait.guess.state.theta1: write an angle as a number in rad"),
         ({"control": 3}, "control: control.type: is missing"),
         ({"gait": None}, "gait: nothing (null) is not a mapping"),
+        ({"gait.impact": None}, "gait.impact: nothing (null) is not a mode (mode of the colliding foot"),
+        (
+            {"constraints": {"speed": {"free": [0, 1], "guess": 0.5}}},
+            "constraints: constraints.speed.free: unknown key; allowed: min, max",
+        ),
         ({"objective": "speed"}, "objective: too few unknowns"),
     ],
 )
