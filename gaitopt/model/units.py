@@ -217,16 +217,18 @@ def is_free(value: object) -> bool:
     return isinstance(value, Mapping) and "free" in value
 
 
-def number_or_free(number: TypeAdapter[float], free: TypeAdapter[Free[float]]) -> WrapValidator:
-    """A validator that reads a mapping with the key ``free`` as an unknown, and any other value as a number.
+def one_of_two(is_second: Callable[[Any], bool], first: TypeAdapter[Any], second: TypeAdapter[Any]) -> WrapValidator:
+    """A validator that reads a value in one of two forms, because the errors of a union of both are about both."""
 
-    The errors of a union of both types would be about both.
-    """
-
-    def read(value: Any, handler: ValidatorFunctionWrapHandler) -> float | Free[float]:
-        return (free if is_free(value) or isinstance(value, Free) else number).validate_python(value)
+    def read(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        return (second if is_second(value) else first).validate_python(value)
 
     return WrapValidator(read)
+
+
+def number_or_free(number: TypeAdapter[float], free: TypeAdapter[Free[float]]) -> WrapValidator:
+    """A validator that reads a mapping with the key ``free`` as an unknown, and any other value as a number."""
+    return one_of_two(lambda value: is_free(value) or isinstance(value, Free), number, free)
 
 
 def words_and_unit(description: str) -> tuple[str, str]:

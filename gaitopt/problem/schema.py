@@ -44,6 +44,7 @@ from gaitopt.model.units import (
     Number,
     Positive,
     Within,
+    one_of_two,
     parse_angle,
     symmetric,
 )
@@ -152,8 +153,14 @@ class MarginSection(Section):
     margin: Annotated[str, Field(description="name of one of the walker's sections")]
 
 
+EndWord = Literal["touchdown", "clock"]
 CycleEnd = Annotated[
-    Literal["touchdown", "clock"] | MarginSection,
+    EndWord | MarginSection,
+    one_of_two(
+        lambda value: isinstance(value, Mapping | MarginSection),
+        TypeAdapter[EndWord](EndWord),
+        TypeAdapter(MarginSection),
+    ),
     Field(
         description="what ends a cycle: the landing of a foot (touchdown), a period of the control law (clock), whose "
         "time then does not restart at landings, or a margin that falls to zero"

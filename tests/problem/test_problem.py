@@ -147,6 +147,8 @@ def test_the_slip_velocity_goes_with_the_slipping_impact():
         ({"control": 3}, "control: control.type: is missing"),
         ({"gait": None}, "gait: nothing (null) is not a mapping"),
         ({"gait.impact": None}, "gait.impact: nothing (null) is not a mode (mode of the colliding foot"),
+        ({"gait.section": "end"}, "gait.section: 'end' is not one of the choices; allowed: touchdown, clock"),
+        ({"gait.section": {"margin": 3}}, "gait.section: gait.section.margin: 3 is not a text (name of one"),
         (
             {"constraints": {"speed": {"free": [0, 1], "guess": 0.5}}},
             "constraints: constraints.speed.free: unknown key; allowed: min, max",
