@@ -274,7 +274,7 @@ def _message(item: ErrorDetails, model: type[BaseModel], data: object) -> str:
     description = "" if field is None else field.description or ""
     meaning = f" {description}" if description.startswith("[") else description and f" ({description})"
     if kind in ("model_type", "model_attributes_type"):
-        inner = nested_models(field) if field else [model]
+        inner = _models_within(field) if field else [model]
         keys = ", ".join(dict.fromkeys(key for section in inner for key in section.model_fields))
         return f"{shown(value)} is not a mapping; keys: {keys}"
     if kind == "missing":
@@ -322,7 +322,7 @@ def _innermost(
         if kinds and isinstance(key, str):  # an entry of a list belongs to the field of the list
             model = _named_kind(kinds, str(key), data)
             field = model.model_fields.get(str(key))
-            kinds = nested_models(field) if field else []
+            kinds = _models_within(field) if field else []
         try:
             data = data[key]  # type: ignore[index]
         except (LookupError, TypeError):  # a key that is missing, or belongs to no mapping
@@ -346,9 +346,16 @@ def nested_models(field: Any) -> list[type[BaseModel]]:
     types = get_args(annotation)
     if get_origin(annotation) is Annotated:
         return nested_models(types[0])
-    if get_origin(annotation) in (Union, UnionType, tuple):
+    if get_origin(annotation) in (Union, UnionType):
         return [model for each in types for model in nested_models(each)]
     return [annotation] if isinstance(annotation, type) and not types and issubclass(annotation, BaseModel) else []
+
+
+def _models_within(field: FieldInfo) -> list[type[BaseModel]]:
+    """The models among the types of the value of a field, or of the entries of a list."""
+    if get_origin(field.annotation) is tuple:
+        return [model for each in get_args(field.annotation) for model in nested_models(each)]
+    return nested_models(field)
 
 
 def _limits(field: FieldInfo | None, name: str) -> list[float]:

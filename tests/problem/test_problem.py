@@ -148,7 +148,6 @@ def test_the_slip_velocity_goes_with_the_slipping_impact():
         ({"gait": None}, "gait: nothing (null) is not a mapping"),
         ({"gait.impact": None}, "gait.impact: nothing (null) is not a mode (mode of the colliding foot"),
         ({"gait.section": "end"}, "gait.section: 'end' is not one of the choices; allowed: touchdown, clock"),
-        ({"gait.section": {"margin": 3}}, "gait.section: gait.section.margin: 3 is not a text (name of one"),
         (
             {"constraints": {"speed": {"free": [0, 1], "guess": 0.5}}},
             "constraints: constraints.speed.free: unknown key; allowed: min, max",
@@ -175,6 +174,11 @@ def test_a_wrong_override_is_reported_under_its_key(overrides, message):
 )
 def test_a_mistake_in_one_step_is_the_only_one_that_is_reported(steps, message):
     assert error_of(load_problem("compass-passive-two-step"), {"gait.steps": steps}) == f"gait.steps: {message}"
+
+
+def test_a_wrong_margin_at_the_end_of_a_cycle_is_the_only_mistake_that_is_reported():
+    message = "gait.section: gait.section.margin: 3 is not a text (name of one of the walker's sections)"
+    assert error_of(load_problem("crawler"), {"gait.section": {"margin": 3}}) == message
 
 
 def test_the_digest_covers_everything_but_the_text_about():
