@@ -22,7 +22,6 @@ and when it is highest afterwards.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,7 +37,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc, swap_indices
 from gaitopt.model.buffered import buffered
-from gaitopt.model.declaration import has_links, parameter_namespace, state_mechanism
+from gaitopt.model.declaration import has_links, named_arguments, state_mechanism
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import ORIGIN, Link
@@ -380,7 +379,7 @@ def _tree(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[np.intp]]:
     names = (*walker.shape, "x", "y")
     q, dq = SX.sym("q", len(names)), SX.sym("dq", len(names))
     fields = SX.sym("p", len(walker.model_fields))
-    named = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)}), parameter_namespace(walker, fields)
+    named = named_arguments(walker, q, fields)
     links, gravity = state_tree(walker, *named), state_mechanism(walker, *named).gravity
     by_name = {link.name: link for link in links.links}
 
@@ -458,8 +457,7 @@ def _tree_of_points(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[n
     walker, name, states = type(gait.problem.walker), gait.problem.name, gait.system.state_names
     n, p, names = len(walker.shape), gait.dynamics.p[: len(walker.model_fields)], (*walker.shape, "x", "y")
     q, dq, fields = SX.sym("q", n + 2), SX.sym("dq", n + 2), SX.sym("p", p.size)
-    by_name = SimpleNamespace(**{key: q[k] for k, key in enumerate(names)})
-    mechanism = state_mechanism(walker, by_name, parameter_namespace(walker, fields))
+    mechanism = state_mechanism(walker, *named_arguments(walker, q, fields))
     swaps, n_bodies = bool(walker.step_ends()), len(mechanism.bodies)
     of_bodies = zip(*((body.mass, body.inertia) for body in mechanism.bodies), strict=True)
     masses, inertias, gravity = (
@@ -673,8 +671,7 @@ def tree_record(gait: Gait) -> dict[str, Any] | None:
         return None
     names, n = (*walker.shape, "x", "y"), len(walker.shape)
     q, dq, fields = SX.sym("q", n + 2), SX.sym("dq", n + 2), SX.sym("p", len(walker.model_fields))
-    by_name = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)})
-    tree = state_tree(walker, by_name, parameter_namespace(walker, fields))
+    tree = state_tree(walker, *named_arguments(walker, q, fields))
     root = next(link for link in tree.links if link.parent is None)
     x, z = vertsplit(tree.position(root, ORIGIN))
     placed = {"root_x": x, "root_z": z, "root_pitch": root.angle, **tree.joints}

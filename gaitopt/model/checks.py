@@ -31,6 +31,7 @@ from gaitopt.model.declaration import (
     check_class,
     has_links,
     is_default,
+    named_arguments,
     state_landing,
     state_picture,
     symbolic_mechanism,
@@ -582,8 +583,8 @@ def _definition(walker: type[Walker]) -> tuple[tuple[str, ...], Function]:
 
     The derivatives of the expressions of a mechanism are included, because the equations of motion contain them.
     """
-    known, n = symbolic_mechanism(walker), len(walker.shape)
-    (coordinates, p, m, tree), (q, parameters), shape = known, known.by_name(walker), known.q[:n]
+    (coordinates, p, m, tree), n = symbolic_mechanism(walker), len(walker.shape)
+    shape, (q, parameters) = coordinates[:n], named_arguments(walker, coordinates, p)
     dq = SimpleNamespace(**{name: SX(0) for name in vars(q)})
     stated = {
         "Mechanism.gravity": m.gravity,

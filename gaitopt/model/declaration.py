@@ -134,21 +134,18 @@ class SymbolicMechanism(NamedTuple):
     mechanism: Mechanism
     tree: Tree | None
 
-    def by_name(self, walker: type[Walker]) -> tuple[SimpleNamespace, SimpleNamespace]:
-        """Coordinates and parameters as arguments of ``Walker.mechanism``."""
-        return _by_name(walker, self.q, self.p)
-
 
 @built_once(maxsize=32)
 def symbolic_mechanism(walker: type[Walker]) -> SymbolicMechanism:
     """The mechanism of a walker as expressions of symbols, which are the same in every call."""
     q, p = vertcat(*map(SX.sym, (*walker.shape, *FOOT_COORDINATES))), SX.sym("p", len(walker.model_fields))
-    named = _by_name(walker, q, p)
+    named = named_arguments(walker, q, p)
     tree = state_tree(walker, *named) if has_links(walker) else None
     return SymbolicMechanism(q, p, state_mechanism(walker, *named), tree)
 
 
-def _by_name(walker: type[Walker], q: SX, p: SX) -> tuple[SimpleNamespace, SimpleNamespace]:
+def named_arguments(walker: type[Walker], q: SX, p: SX) -> tuple[SimpleNamespace, SimpleNamespace]:
+    """The arguments of ``Walker.mechanism``: coordinates (shape, x, y) and parameters by name, from columns of them."""
     names = (*walker.shape, *FOOT_COORDINATES)
     return SimpleNamespace(**{name: q[k] for k, name in enumerate(names)}), parameter_namespace(walker, p)
 
@@ -257,9 +254,9 @@ def joint_limits(walker: type[Walker]) -> Mapping[str, tuple[tuple[float, float]
     """Range [rad] and largest torque [N m] of every joint of a walker's links by name; None for no limit."""
     if not has_links(walker):
         return {}
-    q = SimpleNamespace(**{name: SX.sym(name) for name in (*walker.shape, *FOOT_COORDINATES)})
-    p = SimpleNamespace(**{name: SX.sym(name) for name in walker.model_fields})
-    return {link.joint: (link.range, link.effort) for link in state_tree(walker, q, p).links if link.joint}
+    q, p = SX.sym("q", len(walker.shape) + len(FOOT_COORDINATES)), SX.sym("p", len(walker.model_fields))
+    links = state_tree(walker, *named_arguments(walker, q, p)).links
+    return {link.joint: (link.range, link.effort) for link in links if link.joint}
 
 
 @built_once(maxsize=64)

@@ -14,7 +14,6 @@ import re
 from collections.abc import Callable, Mapping
 from functools import wraps
 from inspect import signature
-from types import SimpleNamespace
 from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar, cast
 
 import numpy as np
@@ -24,7 +23,7 @@ from gaitopt.arrays import Array
 from gaitopt.building import building, built_once
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.declaration import has_links, joint_limits, parameter_namespace
+from gaitopt.model.declaration import has_links, joint_limits, named_arguments
 from gaitopt.model.expressions import Expressions
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.lagrangian import ground_names
@@ -278,15 +277,10 @@ class HybridSystem:
     @compiled("zp")
     def angles(self) -> dict[str, SX]:
         """(z, p) -> angles of the links and joints of ``angle_names`` and their rates, shape (n,) each [rad, or m]."""
-        eom, walker, names = self._eom, self.walker, (*self.walker.shape, "x", "y")
-        q = SimpleNamespace(**{name: eom.q[k] for k, name in enumerate(names)})
-        joints = state_tree(walker, q, parameter_namespace(walker, eom.p)).joints if has_links(walker) else {}
-        motors, phases, n = (
-            zip(walker.actuators, eom.mechanism.motors, strict=True),
-            eom.mechanism.phases,
-            len(names) - 2,
-        )
-        known = {**joints, **phases, **dict(motors), **vars(q)}
+        eom, walker, n = self._eom, self.walker, len(self.walker.shape)
+        named, motors = named_arguments(walker, eom.q, eom.p), zip(walker.actuators, eom.mechanism.motors, strict=True)
+        joints = state_tree(walker, *named).joints if has_links(walker) else {}
+        known = {**joints, **eom.mechanism.phases, **dict(motors), **vars(named[0])}
         angles = vertcat(*(known[name] for name in self.angle_names))
         return {"angles": angles, "rates": jtimes(angles, eom.q[:n], eom.dq[:n])}
 
